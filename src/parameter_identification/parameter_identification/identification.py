@@ -215,7 +215,7 @@ def identify(
         if 1 < len(drives) < SCATTER or (held_out and len(drives) > 1):
             cross = predict_each_other(problem, optimum, predictions)
             missed = cross.missed
-            missing = cross.estimates if missed else None
+            missing = cross.estimates if missed and len(drives) < SCATTER else None
         doubt = doubt_of(
             *(problem, optimum, average, least),
             missing=missing,

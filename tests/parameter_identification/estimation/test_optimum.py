@@ -51,3 +51,25 @@ def test_fits_along_one_valley_are_one_minimum_and_another_valley_is_a_rival(sec
     np.testing.assert_allclose(found.fit.at, [0.5, 0.5])
     assert len(found.rivals) == rivals
     assert found.starts == (2, 2 - rivals)
+
+
+class Weighed(Valleys):
+    """Of two valleys the first is deeper until the noise is known."""
+
+    depths = (0.0, 1.0)
+
+    def minimise(self, start, free=None, *, tolerance=0.01):
+        fit = super().minimise(start, free, tolerance=tolerance)
+        second = np.linalg.norm(fit.at - self.bottoms[1]) < 1e-9
+        return Fit(fit.at, fit.cost + self.depths[second])
+
+    def estimate_noise(self, v, step=None):
+        self.depths = (100.0, 10.0)
+
+
+def test_what_was_best_before_the_noise_was_known_is_no_rival():
+    at = [[0.5, 0.5], [0.2, 0.8]]
+    found = find_optimum(Weighed(at, at), starts=2, seed=0, level=0.95)
+    np.testing.assert_allclose(found.fit.at, at[1])
+    assert found.rivals == ()
+    assert found.starts == (2, 1)

@@ -619,6 +619,6 @@ def _imu_samples(messages: Iterable[Any], start: int) -> ImuSamples | None:
     if not rows:
         return None
     time, rate, acceleration = np.array(rows, dtype=np.float64).T
-    if not acceleration.any():  # as messages are made: nothing was measured
+    if not np.nan_to_num(acceleration).any():  # as messages are made: nothing was measured
         acceleration = np.full_like(acceleration, nan)
     return ImuSamples(time * 1e-9, rate, acceleration)

@@ -75,6 +75,7 @@ def bootstrap_deviations(
             again.noise |= problem.noise
             again.set_sizes(problem.sizes())
             start = np.append(at[: problem.k], np.zeros(again.n - problem.k))
+            again.weigh(start)  # the drives were redrawn with these parameters
             # without the range, which would cut errors off
             found = again.quadratic(again.minimise(start).at).minimum()
             errors[repeat] = found[: problem.k] - at[: problem.k]

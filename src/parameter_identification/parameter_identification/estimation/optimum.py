@@ -73,9 +73,11 @@ def find_optimum(
         fits.append(problem.minimise(start, tolerance=ROUGH))
         step()
     lowest = min(fits, key=lambda fit: fit.cost)
-    best = settled(problem, lowest, step)
+    first = settled(problem, lowest, step)
     others = [fit for fit in fits if fit is not lowest]
-    best, rivals, agreed = _compare(problem, others, best, level, step)
+    best, rivals, agreed = _compare(problem, others, first, level, step)
+    if best is not first:  # the noise is that of the other one
+        best = settled(problem, best)
     covariance = problem.quadratic(best.at).covariance()
     return Optimum(best, covariance, tuple(rivals), (len(fits), 1 + agreed))
 
@@ -162,23 +164,24 @@ def _compare(
     A rival is a different minimum whose cost is within what the interval allows, at parameters
     that the intervals do not hold anyway: along a valley fits end wherever they are near enough.
     """
-    allowed = chi_square.quantile(level, 1)
-    k, agreed = problem.k, 0
-    rivals: list[FloatArray] = []
+    allowed, k = chi_square.quantile(level, 1), problem.k
+    ends, agreed = [best], 0
     for fit in fits:
         step()
         if _near(fit, best, k):
             agreed += 1
+        else:
+            ends.append(problem.minimise(fit.at, tolerance=ROUGH))
+    lowest = min(ends, key=lambda end: end.cost)
+    rivals = []
+    for end in ends:
+        if end is lowest:
             continue
-        again = problem.minimise(fit.at, tolerance=ROUGH)
-        if _near(again, best, k) or _in_one_valley(problem, again, best, allowed):
-            best = min(best, again, key=lambda fit: fit.cost)
+        if _near(end, lowest, k) or _in_one_valley(problem, end, lowest, allowed):
             agreed += 1
-        elif again.cost < best.cost:
-            best, rivals = again, [*rivals, best.at[:k]]
-        elif again.cost < best.cost + allowed:
-            rivals.append(again.at[:k])
-    return best, rivals, agreed
+        elif end.cost < lowest.cost + allowed:
+            rivals.append(end.at[:k])
+    return lowest, rivals, agreed
 
 
 def _in_one_valley(problem: LeastSquares, fit: Fit, best: Fit, allowed: float) -> bool:

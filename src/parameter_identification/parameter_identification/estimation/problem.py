@@ -117,11 +117,13 @@ class LeastSquares(Closing):
             for first, last in itertools.pairwise(ends)
         ]
         self.low, self.high = np.zeros(self.n), np.ones(self.n)
+        self.low[self.k :], self.high[self.k :] = -math.inf, math.inf
         self._of_effects, self._rough = np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool)
         self._processes: dict[Effect, list[int]] = {}
         for model, at in zip(models, self._places, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
-                self.low[i], self.high[i] = (n.low - n.mean) / n.std, (n.high - n.mean) / n.std
+                self.low[i] = max(self.low[i], (n.low - n.mean) / n.std)
+                self.high[i] = min(self.high[i], (n.high - n.mean) / n.std)
                 self._of_effects[i] = n.effect is not None
                 self._rough[i] = n.effect is not None and n.effect.rough
                 if n.effect is not None and n.effect.process:

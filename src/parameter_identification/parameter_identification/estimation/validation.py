@@ -289,6 +289,8 @@ def predict_held_out(
         unaffected = np.zeros(model.shared)
         for shown in (np.append(model.nominal, unaffected), optimum.fit.at[:known]):
             fit = alone.minimise(np.append(shown, np.zeros(alone.n - known)), free)
+            alone.weigh(fit.at)
+            fit = alone.minimise(fit.at, free)
             (predictions,) = alone.predictions(fit.at)
             position = next(p for p in predictions if p.sensor is Sensor.POSITION)
             rms.append(float(np.sqrt(np.mean(np.sum(position.residual**2, axis=1)))))
