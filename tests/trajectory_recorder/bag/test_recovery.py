@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
-from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.reader import BagReader, _LocalFile
 from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import Topic
 from trajectory_recorder.bag.writer import BagWriter, Compression
@@ -48,12 +49,14 @@ def test_a_torn_bag_becomes_one_that_any_reader_opens(bag: Path, tmp_path: Path)
         assert make_reader(stream).get_summary().statistics.message_count == found.messages
 
 
-def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("torn", [0, 20])
+def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path, torn: int) -> None:
+    """Also where the summary is lost, and with it where the chunks are."""
     file = bag / "bag_0.mcap"
     content = bytearray(file.read_bytes())
     at = content.index(b"%06d" % 1000)
     content[at : at + 6] = b"damage"
-    file.write_bytes(content)
+    file.write_bytes(content[: len(content) - torn])
     found = recover(bag, tmp_path / "whole")
     (damage,) = found.damage
     assert "damaged chunk at byte" in str(damage)
@@ -74,3 +77,15 @@ def test_nothing_to_recover_is_an_error_and_leaves_no_bag(tmp_path: Path) -> Non
     with pytest.raises(BagError, match="no message can be read"):
         recover(tmp_path / "bag", tmp_path / "new")
     assert not (tmp_path / "new").exists()
+
+
+def test_a_tail_of_zeros_ends_the_file(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a file system leaves it after a power loss: not read record by record of no bytes."""
+    file = bag / "bag_0.mcap"
+    data = file.read_bytes().partition(bytes([Opcode.DATA_END, 4, *bytes(7)]))[0]
+    file.write_bytes(data + bytes(50_000))
+    reads: list[int] = []
+    read = _LocalFile.read
+    monkeypatch.setattr(_LocalFile, "read", lambda *args: reads.append(1) or read(*args))
+    assert contents(bag) == [b"%06d" % i for i in range(COUNT)]
+    assert len(reads) < 500

@@ -464,7 +464,7 @@ class _McapFile:
             indexed = indexes and self._damaged is None
             found = self._indexed(data, indexes) if indexed else _messages(data)
         except _DAMAGED as error:
-            failure = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
+            failure = self._failure(chunk.offset, error)
             if self._damaged is None:
                 raise failure from error
             self._damaged(failure)
@@ -472,6 +472,9 @@ class _McapFile:
         for channel_id, stamp, start, end in found:
             if channel_id in names:
                 yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
+
+    def _failure(self, offset: int, error: Exception) -> BagError:
+        return BagError(f"{self.path}: damaged chunk at byte {offset}: {error}")
 
     def close(self) -> None:
         self._source.close()
@@ -555,9 +558,12 @@ class _McapFile:
         return True
 
     def _scan(self) -> bool:
-        """Take channels and chunks from the data, up to the first damage; whether there is none."""
+        """Take channels and chunks from the data; whether there is no damage.
+
+        What comes after a damaged record is taken too where damage is told.
+        """
         self._chunks.clear()
-        offset = len(MAGIC)
+        offset, whole = len(MAGIC), True
         while offset < self.size:
             head = self._read(offset, RECORD.size)
             if len(head) < RECORD.size:
@@ -565,8 +571,8 @@ class _McapFile:
             opcode, length = RECORD.unpack(head)
             end = offset + RECORD.size + length
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                return True
-            if end > self.size:
+                return whole
+            if opcode == 0 or end > self.size:  # no record begins with zero: it was never written
                 return False
             try:
                 if opcode in _TAKEN:
@@ -579,8 +585,11 @@ class _McapFile:
                     elif opcode == Opcode.MESSAGE:
                         _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
                         self._chunks.append(_Chunk(offset, end - offset, stamp, stamp, plain=True))
-            except _DAMAGED:
-                return False
+            except _DAMAGED as error:
+                if self._damaged is None:
+                    return False
+                self._damaged(self._failure(offset, error))
+                whole = False
             offset = end
         return False
 
