@@ -2,6 +2,7 @@
 
 import resource
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.records import Chunk
+from mcap.records import Chunk, Statistics
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -152,7 +153,7 @@ def write_by_mcap(path: Path, **options: Any) -> None:
 
 
 @pytest.mark.parametrize("compression", CompressionType)
-@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE, ~IndexType.MESSAGE])
 @pytest.mark.parametrize("chunks", [True, False])
 def test_files_of_mcaps_own_writer_are_read(
     tmp_path: Path, compression: CompressionType, index: IndexType, chunks: bool
@@ -177,6 +178,52 @@ def test_a_summary_need_not_repeat_channels_and_schemas(tmp_path: Path, missing:
         assert list(reader.messages()) == MESSAGES
         assert {topic.type for topic in reader.topics.values()} == {STRING}
         assert reader.topics["/chatter1"].count == 100
+
+
+def test_a_summary_need_not_count_by_channel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An empty map means "not available" in MCAP's specification."""
+    write = Statistics.write
+    monkeypatch.setattr(
+        Statistics, "write", lambda self, to: write(replace(self, channel_message_counts={}), to)
+    )
+    write_by_mcap(tmp_path / "foreign.mcap")
+    with BagReader(tmp_path / "foreign.mcap") as reader:
+        assert reader.complete
+        assert list(reader.messages()) == MESSAGES
+        assert reader.topics["/chatter1"].count == 100
+
+
+@pytest.mark.parametrize("index", [IndexType.ALL, ~IndexType.MESSAGE])
+def test_messages_beside_chunks_are_read(tmp_path: Path, index: IndexType) -> None:
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, index_types=index)
+        writer.start()
+        schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
+        channel = writer.register_channel("/chatter0", "cdr", schema)
+        for stamp in range(10):
+            if stamp == 5:
+                writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
+                writer._Writer__chunk_builder = None  # type: ignore[attr-defined]
+            writer.add_message(channel, stamp, b"", stamp)
+        writer.finish()
+    with BagReader(path) as reader:
+        assert reader.complete
+        assert [message.stamp for message in reader.messages()] == list(range(10))
+        assert reader.topics["/chatter0"].count == 10
+
+
+def test_a_message_index_that_lost_entries_is_told(tmp_path: Path) -> None:
+    path = write_own(tmp_path / "bag") / "bag_0.mcap"
+    with BagReader(path) as reader:
+        index = reader._storages[0]._chunks[5].indexes[1]  # type: ignore[attr-defined]
+    content = bytearray(path.read_bytes())
+    content[index + 1] -= 16  # of its length: an entry less
+    path.write_bytes(content)
+    with BagReader(path) as reader, pytest.raises(BagError, match="its message index is wrong"):
+        list(reader.messages())
 
 
 def test_a_chunk_that_is_larger_than_it_says_is_not_decompressed() -> None:
@@ -213,7 +260,7 @@ def test_a_bag_torn_at_any_byte_is_read_up_to_there(
 def test_damage_is_told_or_harmless(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
-    """A flipped byte never yields messages that were not recorded."""
+    """A flipped byte never yields messages that were not recorded, nor loses some silently."""
     path = write_own(tmp_path_factory.mktemp("damaged") / "bag", Compression.NONE) / "bag_0.mcap"
     content = bytearray(path.read_bytes())
     start = content.index(b"string data") + 20  # behind the first schema
@@ -223,10 +270,12 @@ def test_damage_is_told_or_harmless(
     try:
         with BagReader(path) as reader:
             found = list(reader.messages())
+            whole = reader.complete
     except BagError:
         return
     known = {(m.stamp, m.data) for m in MESSAGES}
     assert {(m.stamp, m.data) for m in found} <= known
+    assert len(found) == len(MESSAGES) or not whole
 
 
 def test_a_bag_without_metadata_yaml_is_read(tmp_path: Path) -> None:

@@ -32,9 +32,11 @@ from trajectory_recorder.bag.records import (
     CHUNK,
     FAILURE,
     FOOTER_SIZE,
+    INDEX_ENTRY,
     LOST,
     MAGIC,
     MESSAGE,
+    MESSAGE_INDEX,
     METADATA_RECORD,
     RECORD,
     Buffer,
@@ -337,6 +339,11 @@ class _Chunk:
     def end_in_file(self) -> int:
         return self.offset + self.length + self.indexes_length
 
+    @property
+    def indexed(self) -> int:
+        """Number of messages that its indexes list."""
+        return (self.indexes_length - len(self.indexes) * MESSAGE_INDEX.size) // INDEX_ENTRY.size
+
 
 class _LocalFile:
     """A file of this computer."""
@@ -488,9 +495,12 @@ class _McapFile:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
         entries: list[tuple[int, int]] = []  # offset, stamp
         for index in indexes:
-            _, length = RECORD.unpack(self._read(index, RECORD.size))
-            pairs = self._read(index + RECORD.size + 6, length - 6)
-            entries += ((offset, stamp) for stamp, offset in struct.iter_unpack("<QQ", pairs))
+            head = self._read(index, MESSAGE_INDEX.size)
+            opcode, length, _, size = MESSAGE_INDEX.unpack(head)
+            if opcode != Opcode.MESSAGE_INDEX or length != MESSAGE_INDEX.size - RECORD.size + size:
+                raise ValueError("its message index is wrong")
+            pairs = self._read(index + MESSAGE_INDEX.size, size)
+            entries += ((offset, stamp) for stamp, offset in INDEX_ENTRY.iter_unpack(pairs))
         found = []
         for offset, stamp in sorted(entries):
             opcode, length = RECORD.unpack_from(data, offset)
@@ -548,7 +558,13 @@ class _McapFile:
                     self.metadata = Metadata.read(stream(record)).metadata
             else:
                 self._take_channel(opcode, content)
-        if statistics is None or (statistics.message_count and not self._chunks):
+        if statistics is None:
+            return False
+        # messages beside the chunks, chunks whose messages no index lists, or counts that are
+        # "not available": all of them are found by reading everything
+        indexed = sum(chunk.indexed for chunk in self._chunks)
+        counted = sum(statistics.channel_message_counts.values())
+        if not indexed == counted == statistics.message_count:
             return False
         if statistics.channel_count > len(self._channels) or (
             statistics.schema_count > len(self._schemas)
