@@ -60,6 +60,9 @@ def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path, torn: 
     found = recover(bag, tmp_path / "whole")
     (damage,) = found.damage
     assert "damaged chunk at byte" in str(damage)
+    with BagReader(tmp_path / "whole") as reader:
+        assert not reader.complete
+        assert reader.metadata["lost"] == "damaged chunks or files of bag: 1"
     kept = contents(tmp_path / "whole")
     assert len(kept) == found.messages
     assert COUNT - 100 < len(kept) < COUNT
