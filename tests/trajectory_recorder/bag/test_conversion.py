@@ -124,6 +124,7 @@ def test_what_cannot_be_written_leaves_no_bag(tmp_path: Path) -> None:
     for bags, options, reason in (
         ([bag], {"topics": ["/nothing"]}, "no message is left"),
         ([bag], {"start": 9.0}, "shorter than 9 s"),
+        ([bag], {"start": 1.2, "duration": 0.5, "topics": ["/odom"]}, "none of the topics has one"),
         ([bag, other], {}, "two types"),
         ([tmp_path / "nowhere"], {}, "no such bag"),
     ):

@@ -97,6 +97,8 @@ def convert(
                 writer.write(ids[message.topic], max(message.stamp, begin), message.data)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
+        if not writer.messages:
+            raise BagError("no message is left to write: none of the topics has one in that time")
         return writer.messages
 
 
