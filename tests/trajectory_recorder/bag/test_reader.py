@@ -61,7 +61,11 @@ def test_bags_of_rosbags_are_read(
     tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
 ) -> None:
     write_with_rosbags(tmp_path / "bag", plugin, mode)
+    (file,) = (file for file in (tmp_path / "bag").iterdir() if file.name != "metadata.yaml")
     with BagReader(tmp_path / "bag") as reader:
+        assert reader.kind == plugin.name.lower()
+        assert reader.files == [file]
+        assert reader.size == file.stat().st_size
         assert list(reader.messages()) == MESSAGES
         assert list(reader.messages({"/chatter1"})) == MESSAGES[1::3]
         assert list(reader.messages({"/nothing"})) == []
@@ -306,6 +310,42 @@ def test_parts_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     assert (tmp_path / "bag" / "bag_10.mcap").exists()
     with BagReader(tmp_path / "bag") as reader:
         assert [m.stamp for m in reader.messages()] == list(range(60))
+
+
+def test_a_copy_that_lies_beside_the_files_is_not_read(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", split_size=200, chunk_size=100) as bag:
+        topic = bag.add_topic(Topic.of_type("/chatter", STRING))
+        for stamp in range(60):
+            bag.write(topic, stamp, b"x" * 20)
+    for name in ("bag_0 copy.mcap", "first.mcap", "other_90.mcap"):
+        shutil.copy(tmp_path / "bag" / "bag_0.mcap", tmp_path / "bag" / name)
+    with BagReader(tmp_path / "bag") as reader:
+        assert [m.stamp for m in reader.messages()] == list(range(60))
+        assert reader.topics["/chatter"].count == 60
+        assert reader.complete
+
+
+def test_a_file_that_was_begun_when_the_recorder_was_killed_is_read(tmp_path: Path) -> None:
+    """metadata.yaml does not name it yet."""
+    bag = tmp_path / "bag"
+    with BagWriter(bag) as writer:
+        topic = writer.add_topic(Topic.of_type("/chatter", STRING))
+        writer.write(topic, 0, b"")
+        writer.flush()
+        before = (bag / "metadata.yaml").read_bytes()
+        writer.split(1)
+        writer.write(topic, 1, b"")
+    (bag / "metadata.yaml").write_bytes(before)
+    with BagReader(bag) as reader:
+        assert [m.stamp for m in reader.messages()] == [0, 1]
+
+
+def test_a_bag_whose_file_was_renamed_is_read(tmp_path: Path) -> None:
+    write_own(tmp_path / "bag")
+    (tmp_path / "bag" / "bag_0.mcap").rename(tmp_path / "bag" / "drive.mcap")
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == MESSAGES
+        assert not reader.complete
 
 
 def test_a_part_that_was_only_begun_hides_no_other(tmp_path: Path) -> None:

@@ -274,17 +274,17 @@ def _open_storages(
         if path.suffix == ".mcap":
             yield _McapFile(path, _LocalFile(path), damaged)
         elif path.suffix == ".db3":
-            yield _RosbagsStorage(path)
+            yield _RosbagsStorage(path, [path])
         else:
             raise BagError(f"{path} is not a bag: want a rosbag2 directory, .mcap or .db3 file")
         return
-    files = sorted(path.glob("*.mcap"), key=_part_number)
+    named = _named(information)
     compression = information.get("compression_mode", "")
     if information.get("storage_identifier", "mcap") != "mcap" or (
         not isinstance(compression, str) or compression.lower() not in ("", "none")
     ):
-        yield _RosbagsStorage(path)
-    elif files:
+        yield _RosbagsStorage(path, [path / name for name in named])
+    elif files := _parts(path, named):
         for file in files:
             yield _McapFile(file, _LocalFile(file), damaged, part=len(files) > 1)
     else:
@@ -303,12 +303,32 @@ def _information(path: Path) -> dict[str, Any]:
         return {}
 
 
+def _named(information: Mapping[str, Any]) -> list[str]:
+    """Names of the files in a bag's metadata.yaml."""
+    names = information.get("relative_file_paths")
+    return [Path(str(name)).name for name in names] if isinstance(names, list) else []
+
+
+def _parts(path: Path, named: list[str]) -> list[Path]:
+    """MCAP files of a bag in the order of recording, without copies that lie beside them."""
+    files = sorted(path.glob("*.mcap"), key=_part_number)
+    newest = max((Path(name) for name in named), key=_part_number, default=None)
+
+    def belongs(file: Path) -> bool:
+        if newest is None or file.name in named:
+            return True
+        # a recorder that is killed when it begins a file has not named it yet
+        same = file.stem.rpartition("_")[0] == newest.stem.rpartition("_")[0]
+        return same and _part_number(file)[0] > _part_number(newest)[0]
+
+    return [file for file in files if belongs(file)] or files  # all of them have other names
+
+
 def _missing(path: Path, information: Mapping[str, Any], remote: list[Path]) -> set[str]:
     """Files that a bag's metadata.yaml names and that are not there."""
-    named = information.get("relative_file_paths")
-    if not isinstance(named, list) or not (remote or path.is_dir()):
+    if not (remote or path.is_dir()):
         return set()
-    names = {Path(str(name)).name for name in named}
+    names = set(_named(information))
     there = {file.name for file in remote}
     return names - there if remote else {name for name in names if not (path / name).exists()}
 
@@ -631,18 +651,18 @@ class _RosbagsStorage:
     complete = True
     fetched = 0
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, files: list[Path]) -> None:
         from rosbags.rosbag2 import Reader  # takes a while, and few bags need it
 
         self.path = path
         self.metadata: dict[str, str] = {}
-        self.files = sorted(path.glob("*_*.*")) if path.is_dir() else [path]
+        self.files = files
         databases = any(".db3" in file.suffixes for file in self.files)
         self.kind = "sqlite3" if databases else "mcap"
-        self.size = sum(file.stat().st_size for file in self.files)
         try:
             self._reader = Reader(path)
             self._reader.open()
+            self.size = sum(file.stat().st_size for file in files)
             self.topics = [_rosbags_topic(c) for c in self._reader.connections]
             found = self._reader.message_count > 0
             self.span = (self._reader.start_time, self._reader.end_time) if found else None
