@@ -92,3 +92,25 @@ def test_a_tail_of_zeros_ends_the_file(bag: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(_LocalFile, "read", lambda *args: reads.append(1) or read(*args))
     assert contents(bag) == [b"%06d" % i for i in range(COUNT)]
     assert len(reads) < 500
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_file_of_a_split_bag_that_is_none_keeps_no_other_back(
+    tmp_path: Path, number: int
+) -> None:
+    """As zeros in place of its content, which a power loss leaves."""
+    bag = tmp_path / "bag"
+    with BagWriter(bag) as writer:
+        topic = writer.add_topic(Topic.of_type("/chatter", "std_msgs/msg/String"))
+        for i in range(3):
+            writer.split(i)
+            writer.write(topic, i, b"%d" % i)
+    (bag / f"bag_{number}.mcap").write_bytes(bytes(4096))
+    with pytest.raises(BagError, match=f"bag_{number}.mcap is not an MCAP file"):
+        BagReader(bag)
+    found = recover(bag, tmp_path / "new")
+    (damage,) = found.damage
+    assert f"bag_{number}.mcap is not an MCAP file" in str(damage)
+    assert contents(tmp_path / "new") == [b"%d" % i for i in range(3) if i != number]
+    with BagReader(tmp_path / "new") as reader:
+        assert not reader.complete

@@ -59,7 +59,7 @@ _DAMAGED = (
 )
 
 Damaged = Callable[[BagError], None]
-"""Called for each damaged chunk."""
+"""Called for each damaged chunk, and each file of a split bag that is no MCAP file."""
 
 _TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
@@ -133,7 +133,8 @@ class BagReader(Closing):
     path : Path or str
         The bag, or its URL.
     damaged : callable, optional
-        Called for each damaged chunk, which is then passed over. Default: damage raises.
+        Called for each damaged chunk, and each file of a split bag that is no MCAP file, which are
+        then passed over. Default: damage raises.
 
     Attributes
     ----------
@@ -422,7 +423,13 @@ class _McapFile:
         try:
             if part and self.size < len(MAGIC):  # killed when it began this part
                 return
-            self._check_magic()
+            try:
+                self._check_magic()
+            except BagError as error:
+                if not part or damaged is None:
+                    raise
+                damaged(error)
+                return
             footer = self._read_footer()
             try:
                 self.complete = footer is not None and self._read_summary(footer)

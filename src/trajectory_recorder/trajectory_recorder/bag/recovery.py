@@ -20,7 +20,7 @@ class Recovery(NamedTuple):
     messages : int
         Number of them.
     damage : tuple of BagError
-        One for each chunk that was left out.
+        One for each chunk, and each file of a split bag, that was left out.
     """
 
     messages: int
@@ -30,7 +30,8 @@ class Recovery(NamedTuple):
 def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Recovery:
     """Copy what is readable of a bag to a new one that any reader opens.
 
-    Damaged chunks are left out; the new bag's metadata then say so, and it is not whole.
+    Damaged chunks, and damaged files of a split bag, are left out; the new bag's metadata then say
+    so, and it is not whole.
 
     `BagReader` reads torn bags as they are; this is for other readers, which want the summary that
     a process killed within a write did not finish, and for bags damaged later.
