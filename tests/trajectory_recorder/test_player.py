@@ -163,7 +163,20 @@ def test_topics_that_were_written_one_after_the_other_play_by_stamp(tmp_path: Pa
 
 def test_duration_ends_playing(bag: BagReader) -> None:
     played, _ = play(Player(bag, ["/odom"], rate=0, start=0.1, duration=0.05))
-    assert [m.stamp for _, m in played] == [ms * MS for ms in range(105, 156, 10)]
+    assert [m.stamp for _, m in played] == [ms * MS for ms in range(105, 151, 10)]
+
+
+def test_start_counts_from_the_begin_of_the_bag(tmp_path: Path) -> None:
+    """As in `bag convert`, not from the first message of what is played."""
+    with BagWriter(tmp_path / "bag") as writer:
+        imu = writer.add_topic(Topic.of_type("/imu", "std_msgs/msg/String"))
+        odom = writer.add_topic(Topic.of_type("/odom", "std_msgs/msg/String"))
+        writer.write(imu, 0, b"")
+        for second in range(1, 5):
+            writer.write(odom, second * 1000 * MS, b"")
+    with BagReader(tmp_path / "bag") as reader:
+        played, _ = play(Player(reader, ["/odom"], rate=0, start=2.0))
+    assert [m.stamp // MS for _, m in played] == [2000, 3000, 4000]
 
 
 def test_negative_rates_are_refused(bag: BagReader) -> None:

@@ -217,6 +217,8 @@ def test_a_topic_of_another_type_is_another_topic(tmp_path: Path) -> None:
 def test_a_misspelt_topic_of_a_bag_is_told(pattern: str) -> None:
     with pytest.raises(BagError, match=r"no topic of the bag is /odmo; did you mean /odom\?"):
         chosen(["/odom", "/imu"], ["imu", pattern], [])
+    with pytest.raises(BagError, match=r"no topic of the bag is /odmo; did you mean /odom\?"):
+        chosen(["/odom", "/imu"], ["*"], ["imu", pattern])
 
 
 def test_a_snapshot_holds_the_newest_messages_and_what_was_latched(tmp_path: Path) -> None:

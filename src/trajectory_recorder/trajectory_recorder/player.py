@@ -22,7 +22,7 @@ class Player:
     rate : float
         Recorded seconds per second; 0 plays as fast as ``publish`` returns.
     start : float
-        Recorded time to skip [s], latched topics excepted.
+        Recorded time to skip from the bag's begin [s], latched topics excepted.
     duration : float
         Recorded time to play [s].
     loop : bool
@@ -111,7 +111,7 @@ class Player:
         Parameters
         ----------
         start : float
-            Recorded time to skip [s]; `duration` counts from there.
+            Recorded time to skip from the bag's begin [s]; `duration` counts from there.
         """
         with self._changed:
             self._start = round(start * 1e9)
@@ -136,13 +136,12 @@ class Player:
             self._origin = None
             self._sought = False
             start = self._start
-        begin = next_tick = None
+        first, _ = self._bag.span or (0, 0)
+        begin, next_tick = first + start, None
         for message in self._bag.messages_by_stamp(self._topics):
             if self._stopped or self._sought:
                 return
             stamp = message.stamp
-            if begin is None:
-                begin = stamp + start
             if stamp < begin:
                 if self._bag.topics[message.topic].latched:
                     publish(message)

@@ -531,7 +531,7 @@ def chosen(names: Collection[str], patterns: Sequence[str], without: Sequence[st
     wanted, unwanted = (
         [p if p.startswith(("/", "*")) else f"/{p}" for p in given] for given in (patterns, without)
     )
-    for pattern in wanted:
+    for pattern in wanted + unwanted:
         if not any(matches(name, [pattern]) for name in names):
             close = get_close_matches(pattern, names, 1)
             hint = f"; did you mean {close[0]}?" if close else ""

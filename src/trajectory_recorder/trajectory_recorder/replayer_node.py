@@ -60,7 +60,7 @@ class BagReplayer(Node):
             raise BagError(reason)
         self._as_fast_as_taken = rate == 0
         self._to: dict[str, Publisher] = {}
-        for name in chosen(self._bag.topics, topics, without):
+        for name in chosen(self._bag.topics, topics, [name for name in without if name]):
             self._create(name)
         if not self._to:
             raise BagError(f"{path} holds nothing to play on {', '.join(topics)}")

@@ -85,6 +85,31 @@ def test_messages_and_definitions_keep_their_encodings(tmp_path: Path) -> None:
         }
 
 
+def test_metadata_that_differ_are_left_out(tmp_path: Path) -> None:
+    for name, plan in (("a", "1"), ("b", "2")):
+        with BagWriter(tmp_path / name, metadata={"plan_id": plan, "vehicle": "v"}) as writer:
+            writer.write(writer.add_topic(Topic.of_type("/odom", STRING)), 1, b"")
+    convert([tmp_path / "a", tmp_path / "b"], tmp_path / "both")
+    with BagReader(tmp_path / "both") as reader:
+        assert reader.metadata == {"vehicle": "v"}
+
+
+@pytest.mark.parametrize("lost", [("1 of /odom", "2 of /odom"), ("1 of /odom",), ()])
+def test_what_comes_of_a_bag_that_is_not_whole_is_not_whole(
+    tmp_path: Path, lost: tuple[str, ...]
+) -> None:
+    bags = [write(tmp_path / "torn", range(3), odom=STRING)]
+    (file,) = bags[0].glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: -20 if not lost else None])
+    for text in lost:
+        bags.append(tmp_path / text[0])
+        with BagWriter(bags[-1], metadata={"lost": text}) as writer:
+            writer.write(writer.add_topic(Topic.of_type("/odom", STRING)), 1, b"")
+    convert(bags, tmp_path / "new")
+    with BagReader(tmp_path / "new") as reader:
+        assert not reader.complete
+
+
 def test_a_topic_with_two_encodings_is_refused(tmp_path: Path) -> None:
     for name, encoding in (("a", "cdr"), ("b", "json")):
         with BagWriter(tmp_path / name) as writer:
@@ -99,6 +124,7 @@ def test_what_cannot_be_written_leaves_no_bag(tmp_path: Path) -> None:
     for bags, options, reason in (
         ([bag], {"topics": ["/nothing"]}, "no message is left"),
         ([bag], {"start": 9.0}, "shorter than 9 s"),
+        ([bag], {"start": 1.2, "duration": 0.5, "topics": ["/odom"]}, "none of the topics has one"),
         ([bag, other], {}, "two types"),
         ([tmp_path / "nowhere"], {}, "no such bag"),
     ):

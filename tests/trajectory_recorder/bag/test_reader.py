@@ -2,6 +2,7 @@
 
 import resource
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.records import Chunk
+from mcap.records import Chunk, Statistics
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -60,7 +61,11 @@ def test_bags_of_rosbags_are_read(
     tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
 ) -> None:
     write_with_rosbags(tmp_path / "bag", plugin, mode)
+    (file,) = (file for file in (tmp_path / "bag").iterdir() if file.name != "metadata.yaml")
     with BagReader(tmp_path / "bag") as reader:
+        assert reader.kind == plugin.name.lower()
+        assert reader.files == [file]
+        assert reader.size == file.stat().st_size
         assert list(reader.messages()) == MESSAGES
         assert list(reader.messages({"/chatter1"})) == MESSAGES[1::3]
         assert list(reader.messages({"/nothing"})) == []
@@ -152,7 +157,7 @@ def write_by_mcap(path: Path, **options: Any) -> None:
 
 
 @pytest.mark.parametrize("compression", CompressionType)
-@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE, ~IndexType.MESSAGE])
 @pytest.mark.parametrize("chunks", [True, False])
 def test_files_of_mcaps_own_writer_are_read(
     tmp_path: Path, compression: CompressionType, index: IndexType, chunks: bool
@@ -177,6 +182,52 @@ def test_a_summary_need_not_repeat_channels_and_schemas(tmp_path: Path, missing:
         assert list(reader.messages()) == MESSAGES
         assert {topic.type for topic in reader.topics.values()} == {STRING}
         assert reader.topics["/chatter1"].count == 100
+
+
+def test_a_summary_need_not_count_by_channel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An empty map means "not available" in MCAP's specification."""
+    write = Statistics.write
+    monkeypatch.setattr(
+        Statistics, "write", lambda self, to: write(replace(self, channel_message_counts={}), to)
+    )
+    write_by_mcap(tmp_path / "foreign.mcap")
+    with BagReader(tmp_path / "foreign.mcap") as reader:
+        assert reader.complete
+        assert list(reader.messages()) == MESSAGES
+        assert reader.topics["/chatter1"].count == 100
+
+
+@pytest.mark.parametrize("index", [IndexType.ALL, ~IndexType.MESSAGE])
+def test_messages_beside_chunks_are_read(tmp_path: Path, index: IndexType) -> None:
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, index_types=index)
+        writer.start()
+        schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
+        channel = writer.register_channel("/chatter0", "cdr", schema)
+        for stamp in range(10):
+            if stamp == 5:
+                writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
+                writer._Writer__chunk_builder = None  # type: ignore[attr-defined]
+            writer.add_message(channel, stamp, b"", stamp)
+        writer.finish()
+    with BagReader(path) as reader:
+        assert reader.complete
+        assert [message.stamp for message in reader.messages()] == list(range(10))
+        assert reader.topics["/chatter0"].count == 10
+
+
+def test_a_message_index_that_lost_entries_is_told(tmp_path: Path) -> None:
+    path = write_own(tmp_path / "bag") / "bag_0.mcap"
+    with BagReader(path) as reader:
+        index = reader._storages[0]._chunks[5].indexes[1]  # type: ignore[attr-defined]
+    content = bytearray(path.read_bytes())
+    content[index + 1] -= 16  # of its length: an entry less
+    path.write_bytes(content)
+    with BagReader(path) as reader, pytest.raises(BagError, match="its message index is wrong"):
+        list(reader.messages())
 
 
 def test_a_chunk_that_is_larger_than_it_says_is_not_decompressed() -> None:
@@ -213,7 +264,7 @@ def test_a_bag_torn_at_any_byte_is_read_up_to_there(
 def test_damage_is_told_or_harmless(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
-    """A flipped byte never yields messages that were not recorded."""
+    """A flipped byte never yields messages that were not recorded, nor loses some silently."""
     path = write_own(tmp_path_factory.mktemp("damaged") / "bag", Compression.NONE) / "bag_0.mcap"
     content = bytearray(path.read_bytes())
     start = content.index(b"string data") + 20  # behind the first schema
@@ -223,10 +274,12 @@ def test_damage_is_told_or_harmless(
     try:
         with BagReader(path) as reader:
             found = list(reader.messages())
+            whole = reader.complete
     except BagError:
         return
     known = {(m.stamp, m.data) for m in MESSAGES}
     assert {(m.stamp, m.data) for m in found} <= known
+    assert len(found) == len(MESSAGES) or not whole
 
 
 def test_a_bag_without_metadata_yaml_is_read(tmp_path: Path) -> None:
@@ -257,6 +310,42 @@ def test_parts_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     assert (tmp_path / "bag" / "bag_10.mcap").exists()
     with BagReader(tmp_path / "bag") as reader:
         assert [m.stamp for m in reader.messages()] == list(range(60))
+
+
+def test_a_copy_that_lies_beside_the_files_is_not_read(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", split_size=200, chunk_size=100) as bag:
+        topic = bag.add_topic(Topic.of_type("/chatter", STRING))
+        for stamp in range(60):
+            bag.write(topic, stamp, b"x" * 20)
+    for name in ("bag_0 copy.mcap", "first.mcap", "other_90.mcap"):
+        shutil.copy(tmp_path / "bag" / "bag_0.mcap", tmp_path / "bag" / name)
+    with BagReader(tmp_path / "bag") as reader:
+        assert [m.stamp for m in reader.messages()] == list(range(60))
+        assert reader.topics["/chatter"].count == 60
+        assert reader.complete
+
+
+def test_a_file_that_was_begun_when_the_recorder_was_killed_is_read(tmp_path: Path) -> None:
+    """metadata.yaml does not name it yet."""
+    bag = tmp_path / "bag"
+    with BagWriter(bag) as writer:
+        topic = writer.add_topic(Topic.of_type("/chatter", STRING))
+        writer.write(topic, 0, b"")
+        writer.flush()
+        before = (bag / "metadata.yaml").read_bytes()
+        writer.split(1)
+        writer.write(topic, 1, b"")
+    (bag / "metadata.yaml").write_bytes(before)
+    with BagReader(bag) as reader:
+        assert [m.stamp for m in reader.messages()] == [0, 1]
+
+
+def test_a_bag_whose_file_was_renamed_is_read(tmp_path: Path) -> None:
+    write_own(tmp_path / "bag")
+    (tmp_path / "bag" / "bag_0.mcap").rename(tmp_path / "bag" / "drive.mcap")
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == MESSAGES
+        assert not reader.complete
 
 
 def test_a_part_that_was_only_begun_hides_no_other(tmp_path: Path) -> None:

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
-from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.reader import BagReader, _LocalFile
 from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import Topic
 from trajectory_recorder.bag.writer import BagWriter, Compression
@@ -48,15 +49,20 @@ def test_a_torn_bag_becomes_one_that_any_reader_opens(bag: Path, tmp_path: Path)
         assert make_reader(stream).get_summary().statistics.message_count == found.messages
 
 
-def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("torn", [0, 20])
+def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path, torn: int) -> None:
+    """Also where the summary is lost, and with it where the chunks are."""
     file = bag / "bag_0.mcap"
     content = bytearray(file.read_bytes())
     at = content.index(b"%06d" % 1000)
     content[at : at + 6] = b"damage"
-    file.write_bytes(content)
+    file.write_bytes(content[: len(content) - torn])
     found = recover(bag, tmp_path / "whole")
     (damage,) = found.damage
     assert "damaged chunk at byte" in str(damage)
+    with BagReader(tmp_path / "whole") as reader:
+        assert not reader.complete
+        assert reader.metadata["lost"] == "damaged chunks or files of bag: 1"
     kept = contents(tmp_path / "whole")
     assert len(kept) == found.messages
     assert COUNT - 100 < len(kept) < COUNT
@@ -74,3 +80,37 @@ def test_nothing_to_recover_is_an_error_and_leaves_no_bag(tmp_path: Path) -> Non
     with pytest.raises(BagError, match="no message can be read"):
         recover(tmp_path / "bag", tmp_path / "new")
     assert not (tmp_path / "new").exists()
+
+
+def test_a_tail_of_zeros_ends_the_file(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a file system leaves it after a power loss: not read record by record of no bytes."""
+    file = bag / "bag_0.mcap"
+    data = file.read_bytes().partition(bytes([Opcode.DATA_END, 4, *bytes(7)]))[0]
+    file.write_bytes(data + bytes(50_000))
+    reads: list[int] = []
+    read = _LocalFile.read
+    monkeypatch.setattr(_LocalFile, "read", lambda *args: reads.append(1) or read(*args))
+    assert contents(bag) == [b"%06d" % i for i in range(COUNT)]
+    assert len(reads) < 500
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_file_of_a_split_bag_that_is_none_keeps_no_other_back(
+    tmp_path: Path, number: int
+) -> None:
+    """As zeros in place of its content, which a power loss leaves."""
+    bag = tmp_path / "bag"
+    with BagWriter(bag) as writer:
+        topic = writer.add_topic(Topic.of_type("/chatter", "std_msgs/msg/String"))
+        for i in range(3):
+            writer.split(i)
+            writer.write(topic, i, b"%d" % i)
+    (bag / f"bag_{number}.mcap").write_bytes(bytes(4096))
+    with pytest.raises(BagError, match=f"bag_{number}.mcap is not an MCAP file"):
+        BagReader(bag)
+    found = recover(bag, tmp_path / "new")
+    (damage,) = found.damage
+    assert f"bag_{number}.mcap is not an MCAP file" in str(damage)
+    assert contents(tmp_path / "new") == [b"%d" % i for i in range(3) if i != number]
+    with BagReader(tmp_path / "new") as reader:
+        assert not reader.complete

@@ -53,7 +53,7 @@ def test_names_are_whole_at_80_columns(tricycle, tmp_path, capsys, monkeypatch):
 
 def test_bag_convert_keeps_what_is_wanted(tricycle, bag, tmp_path, capsys):
     part = tmp_path / "part"
-    assert tricycle("bag", "convert", bag, "--output", part, "--exclude", "/nothing", "--json") == 0
+    assert tricycle("bag", "convert", bag, "--output", part, "--json") == 0
     assert json.loads(capsys.readouterr().out) == {"bag": str(part), "messages": 100}
     assert tricycle("bag", "convert", bag, part, "--output", tmp_path / "both") == 0
     assert "200 messages" in capsys.readouterr().out
@@ -95,6 +95,11 @@ def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
             ("bag", "convert", "{bag}", "--output", "{bag}-new", "--topics", "/nothing"),
             BagError,
             "no topic of the bag is /nothing$",
+        ),
+        (
+            ("bag", "convert", "{bag}", "--output", "{bag}-new", "--exclude", "/chater"),
+            BagError,
+            r"no topic of the bag is /chater; did you mean /chatter\?$",
         ),
         (
             ("bag", "recover", "{bag}", "--output", "{bag}"),

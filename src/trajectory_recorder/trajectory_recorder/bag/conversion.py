@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic
 from trajectory_recorder.bag.writer import BagWriter, Compression, whole_or_none
 from tricycle_core.errors import BagError
@@ -27,6 +28,9 @@ def convert(
     progress: Progress | None = None,
 ) -> int:
     """Write the messages of one or several bags to a new one, by their stamps; return how many.
+
+    The new bag has the metadata on which those bags do not differ. Parts of a bag that is not whole
+    are not whole either.
 
     Parameters
     ----------
@@ -72,13 +76,12 @@ def convert(
         end = begin + duration * 1e9
         if begin > max(last for _, last in spans):
             raise BagError(f"no message is left to write: the bags are shorter than {start:g} s")
-        metadata = {key: value for reader in readers for key, value in reader.metadata.items()}
         new = BagWriter(
             output,
             compression=compression,
             split_size=split_size,
             split_duration=split_duration,
-            metadata=metadata,
+            metadata=_metadata(readers),
         )
         writer = stack.enter_context(whole_or_none(new))
         ids = {name: writer.add_topic(topic) for name, topic in found.items()}
@@ -94,4 +97,18 @@ def convert(
                 writer.write(ids[message.topic], max(message.stamp, begin), message.data)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
+        if not writer.messages:
+            raise BagError("no message is left to write: none of the topics has one in that time")
         return writer.messages
+
+
+def _metadata(readers: Sequence[BagReader]) -> dict[str, str]:
+    """What the recorders of all bags noted, without what they do not agree on."""
+    found: dict[str, set[str]] = {}
+    for reader in readers:
+        for key, value in reader.metadata.items():
+            found.setdefault(key, set()).add(value)
+    metadata = {key: values.pop() for key, values in found.items() if len(values) == 1}
+    if not all(reader.complete for reader in readers):
+        metadata.setdefault(LOST, "parts of a bag that was not whole")
+    return metadata

@@ -32,9 +32,11 @@ from trajectory_recorder.bag.records import (
     CHUNK,
     FAILURE,
     FOOTER_SIZE,
+    INDEX_ENTRY,
     LOST,
     MAGIC,
     MESSAGE,
+    MESSAGE_INDEX,
     METADATA_RECORD,
     RECORD,
     Buffer,
@@ -57,7 +59,7 @@ _DAMAGED = (
 )
 
 Damaged = Callable[[BagError], None]
-"""Called for each damaged chunk."""
+"""Called for each damaged chunk, and each file of a split bag that is no MCAP file."""
 
 _TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
@@ -131,7 +133,8 @@ class BagReader(Closing):
     path : Path or str
         The bag, or its URL.
     damaged : callable, optional
-        Called for each damaged chunk, which is then passed over. Default: damage raises.
+        Called for each damaged chunk, and each file of a split bag that is no MCAP file, which are
+        then passed over. Default: damage raises.
 
     Attributes
     ----------
@@ -272,17 +275,17 @@ def _open_storages(
         if path.suffix == ".mcap":
             yield _McapFile(path, _LocalFile(path), damaged)
         elif path.suffix == ".db3":
-            yield _RosbagsStorage(path)
+            yield _RosbagsStorage(path, [path])
         else:
             raise BagError(f"{path} is not a bag: want a rosbag2 directory, .mcap or .db3 file")
         return
-    files = sorted(path.glob("*.mcap"), key=_part_number)
+    named = _named(information)
     compression = information.get("compression_mode", "")
     if information.get("storage_identifier", "mcap") != "mcap" or (
         not isinstance(compression, str) or compression.lower() not in ("", "none")
     ):
-        yield _RosbagsStorage(path)
-    elif files:
+        yield _RosbagsStorage(path, [path / name for name in named])
+    elif files := _parts(path, named):
         for file in files:
             yield _McapFile(file, _LocalFile(file), damaged, part=len(files) > 1)
     else:
@@ -301,12 +304,32 @@ def _information(path: Path) -> dict[str, Any]:
         return {}
 
 
+def _named(information: Mapping[str, Any]) -> list[str]:
+    """Names of the files in a bag's metadata.yaml."""
+    names = information.get("relative_file_paths")
+    return [Path(str(name)).name for name in names] if isinstance(names, list) else []
+
+
+def _parts(path: Path, named: list[str]) -> list[Path]:
+    """MCAP files of a bag in the order of recording, without copies that lie beside them."""
+    files = sorted(path.glob("*.mcap"), key=_part_number)
+    newest = max((Path(name) for name in named), key=_part_number, default=None)
+
+    def belongs(file: Path) -> bool:
+        if newest is None or file.name in named:
+            return True
+        # a recorder that is killed when it begins a file has not named it yet
+        same = file.stem.rpartition("_")[0] == newest.stem.rpartition("_")[0]
+        return same and _part_number(file)[0] > _part_number(newest)[0]
+
+    return [file for file in files if belongs(file)] or files  # all of them have other names
+
+
 def _missing(path: Path, information: Mapping[str, Any], remote: list[Path]) -> set[str]:
     """Files that a bag's metadata.yaml names and that are not there."""
-    named = information.get("relative_file_paths")
-    if not isinstance(named, list) or not (remote or path.is_dir()):
+    if not (remote or path.is_dir()):
         return set()
-    names = {Path(str(name)).name for name in named}
+    names = set(_named(information))
     there = {file.name for file in remote}
     return names - there if remote else {name for name in names if not (path / name).exists()}
 
@@ -336,6 +359,11 @@ class _Chunk:
     @property
     def end_in_file(self) -> int:
         return self.offset + self.length + self.indexes_length
+
+    @property
+    def indexed(self) -> int:
+        """Number of messages that its indexes list."""
+        return (self.indexes_length - len(self.indexes) * MESSAGE_INDEX.size) // INDEX_ENTRY.size
 
 
 class _LocalFile:
@@ -395,7 +423,13 @@ class _McapFile:
         try:
             if part and self.size < len(MAGIC):  # killed when it began this part
                 return
-            self._check_magic()
+            try:
+                self._check_magic()
+            except BagError as error:
+                if not part or damaged is None:
+                    raise
+                damaged(error)
+                return
             footer = self._read_footer()
             try:
                 self.complete = footer is not None and self._read_summary(footer)
@@ -464,7 +498,7 @@ class _McapFile:
             indexed = indexes and self._damaged is None
             found = self._indexed(data, indexes) if indexed else _messages(data)
         except _DAMAGED as error:
-            failure = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
+            failure = self._failure(chunk.offset, error)
             if self._damaged is None:
                 raise failure from error
             self._damaged(failure)
@@ -472,6 +506,9 @@ class _McapFile:
         for channel_id, stamp, start, end in found:
             if channel_id in names:
                 yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
+
+    def _failure(self, offset: int, error: Exception) -> BagError:
+        return BagError(f"{self.path}: damaged chunk at byte {offset}: {error}")
 
     def close(self) -> None:
         self._source.close()
@@ -485,9 +522,12 @@ class _McapFile:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
         entries: list[tuple[int, int]] = []  # offset, stamp
         for index in indexes:
-            _, length = RECORD.unpack(self._read(index, RECORD.size))
-            pairs = self._read(index + RECORD.size + 6, length - 6)
-            entries += ((offset, stamp) for stamp, offset in struct.iter_unpack("<QQ", pairs))
+            head = self._read(index, MESSAGE_INDEX.size)
+            opcode, length, _, size = MESSAGE_INDEX.unpack(head)
+            if opcode != Opcode.MESSAGE_INDEX or length != MESSAGE_INDEX.size - RECORD.size + size:
+                raise ValueError("its message index is wrong")
+            pairs = self._read(index + MESSAGE_INDEX.size, size)
+            entries += ((offset, stamp) for stamp, offset in INDEX_ENTRY.iter_unpack(pairs))
         found = []
         for offset, stamp in sorted(entries):
             opcode, length = RECORD.unpack_from(data, offset)
@@ -545,7 +585,13 @@ class _McapFile:
                     self.metadata = Metadata.read(stream(record)).metadata
             else:
                 self._take_channel(opcode, content)
-        if statistics is None or (statistics.message_count and not self._chunks):
+        if statistics is None:
+            return False
+        # messages beside the chunks, chunks whose messages no index lists, or counts that are
+        # "not available": all of them are found by reading everything
+        indexed = sum(chunk.indexed for chunk in self._chunks)
+        counted = sum(statistics.channel_message_counts.values())
+        if not indexed == counted == statistics.message_count:
             return False
         if statistics.channel_count > len(self._channels) or (
             statistics.schema_count > len(self._schemas)
@@ -555,9 +601,12 @@ class _McapFile:
         return True
 
     def _scan(self) -> bool:
-        """Take channels and chunks from the data, up to the first damage; whether there is none."""
+        """Take channels and chunks from the data; whether there is no damage.
+
+        What comes after a damaged record is taken too where damage is told.
+        """
         self._chunks.clear()
-        offset = len(MAGIC)
+        offset, whole = len(MAGIC), True
         while offset < self.size:
             head = self._read(offset, RECORD.size)
             if len(head) < RECORD.size:
@@ -565,8 +614,8 @@ class _McapFile:
             opcode, length = RECORD.unpack(head)
             end = offset + RECORD.size + length
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                return True
-            if end > self.size:
+                return whole
+            if opcode == 0 or end > self.size:  # no record begins with zero: it was never written
                 return False
             try:
                 if opcode in _TAKEN:
@@ -579,8 +628,11 @@ class _McapFile:
                     elif opcode == Opcode.MESSAGE:
                         _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
                         self._chunks.append(_Chunk(offset, end - offset, stamp, stamp, plain=True))
-            except _DAMAGED:
-                return False
+            except _DAMAGED as error:
+                if self._damaged is None:
+                    return False
+                self._damaged(self._failure(offset, error))
+                whole = False
             offset = end
         return False
 
@@ -606,18 +658,18 @@ class _RosbagsStorage:
     complete = True
     fetched = 0
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, files: list[Path]) -> None:
         from rosbags.rosbag2 import Reader  # takes a while, and few bags need it
 
         self.path = path
         self.metadata: dict[str, str] = {}
-        self.files = sorted(path.glob("*_*.*")) if path.is_dir() else [path]
+        self.files = files
         databases = any(".db3" in file.suffixes for file in self.files)
         self.kind = "sqlite3" if databases else "mcap"
-        self.size = sum(file.stat().st_size for file in self.files)
         try:
             self._reader = Reader(path)
             self._reader.open()
+            self.size = sum(file.stat().st_size for file in files)
             self.topics = [_rosbags_topic(c) for c in self._reader.connections]
             found = self._reader.message_count > 0
             self.span = (self._reader.start_time, self._reader.end_time) if found else None

@@ -14,6 +14,8 @@ LOST, FAILURE = "lost", "failure"  # in it: which messages a bag lacks, why it w
 RECORD = struct.Struct("<BQ")  # head of every record: opcode, length of its content
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow
 CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, CRC, length of compression name
+MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of entries, which follow
+INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset in the uncompressed chunk
 FOOTER_SIZE = RECORD.size + 20 + len(MAGIC)
 
 Buffer = bytes | memoryview

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.writer import BagWriter, whole_or_none
 from tricycle_core.errors import BagError
 from tricycle_core.quantities import Progress
@@ -19,7 +20,7 @@ class Recovery(NamedTuple):
     messages : int
         Number of them.
     damage : tuple of BagError
-        One for each chunk that was left out.
+        One for each chunk, and each file of a split bag, that was left out.
     """
 
     messages: int
@@ -27,7 +28,10 @@ class Recovery(NamedTuple):
 
 
 def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Recovery:
-    """Copy what is readable of a bag to a new, complete one; leave damaged chunks out.
+    """Copy what is readable of a bag to a new one that any reader opens.
+
+    Damaged chunks, and damaged files of a split bag, are left out; the new bag's metadata then say
+    so, and it is not whole.
 
     `BagReader` reads torn bags as they are; this is for other readers, which want the summary that
     a process killed within a write did not finish, and for bags damaged later.
@@ -60,4 +64,8 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
             writer.write(ids[message.topic], message.stamp, message.data)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
+        if damage:
+            lost = f"damaged chunks or files of {bag.name}: {len(damage)}"
+            known = writer.metadata.get(LOST)
+            writer.metadata[LOST] = f"{known}; {lost}" if known else lost
         return Recovery(writer.messages, tuple(damage))

@@ -43,6 +43,7 @@ from trajectory_recorder.bag.records import (
     CHUNK,
     FAILURE,
     MAGIC,
+    MESSAGE_INDEX,
     METADATA_RECORD,
     RECORD,
     serialize,
@@ -53,7 +54,6 @@ from tricycle_core.errors import BagError
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # `RECORD` and `MESSAGE` in one, for speed
 _MESSAGE_FIELDS = _MESSAGE.size - RECORD.size  # bytes of the content that are not data
-_MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of entries
 _PENDING_BYTES = 8 * 2**20  # chunks kept before the file, and with it its summary, is written
 _PENDING_TAILS = 4  # and not before they are so much more than that summary, which grows
 _CACHED_BYTES = 2**27  # of a file that is being written are left in the machine's memory
@@ -464,7 +464,7 @@ class _OutputFile:
             index_offsets[channel_id] = self.size
             packed = struct.pack(f"<{len(entries)}Q", *entries)
             self._add(
-                _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(packed), channel_id, len(packed))
+                MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(packed), channel_id, len(packed))
                 + packed
             )
             self.counts[channel_id] = self.counts.get(channel_id, 0) + len(entries) // 2
