@@ -61,7 +61,7 @@ class Weighed(Valleys):
     def minimise(self, start, free=None, *, tolerance=0.01):
         fit = super().minimise(start, free, tolerance=tolerance)
         second = np.linalg.norm(fit.at - self.bottoms[1]) < 1e-9
-        return Fit(fit.at, fit.cost + self.depths[second])
+        return Fit(fit.at, fit.cost + self.depths[int(second)])
 
     def estimate_noise(self, v, step=None):
         self.depths = (100.0, 10.0)

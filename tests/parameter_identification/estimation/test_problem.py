@@ -18,6 +18,7 @@ from parameter_identification.estimation.validation import (
     predict_held_out,
     whiteness_of_residuals,
 )
+from tricycle_sim.effects import effects_of
 
 
 @pytest.fixture(scope="module")
@@ -134,3 +135,27 @@ def test_estimates_predict_better_than_nominal_values(problem, optimum, pair):
     held = predict_held_out(problem, optimum, pair[0], Loss.SQUARED, 0.95, 0.0)
     assert held.rms_estimated < 0.5 * held.rms_nominal
     assert held.inside > 0.9  # it was used, so that it fits
+
+
+def test_poses_that_jumped_do_not_count_for_a_robust_prediction(problem, optimum, pair):
+    signal = pair[0].signals[Sensor.POSITION]
+    values = signal.values.copy()
+    values[::20] += 0.5
+    jumped = dataclasses.replace(signal, values=values)
+    drive = dataclasses.replace(pair[0], signals=pair[0].signals | {Sensor.POSITION: jumped})
+    held = predict_held_out(problem, optimum, drive, Loss.ROBUST, 0.95, 0.0)
+    assert held.inside > 0.85
+    assert predict_held_out(problem, optimum, drive, Loss.SQUARED, 0.95, 0.0).inside < 0.5
+
+
+@pytest.mark.parametrize("first", ["bag", "window"])
+def test_an_effect_of_all_drives_is_what_each_of_them_allows(pair, first):
+    """Angles that may have been logged late allow a dead time below 0, commands do not."""
+    window = dataclasses.replace(pair[0], name="window", steering_late=0.08)
+    drives = sorted(
+        (pair[0], window), key=lambda drive: (drive.name == "window") ^ (first != "bag")
+    )
+    effects = effects_of(VEHICLE, ["servo-dead-time"])
+    models = [DriveModel(VEHICLE, drive, effects) for drive in drives]
+    with LeastSquares(models, *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as both:
+        assert both.low[both.k] == 0.0
