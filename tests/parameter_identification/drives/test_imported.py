@@ -76,7 +76,7 @@ def test_a_bag_without_a_start_names_the_table_to_identify_from(drive, tmp_path)
     moving = driven(commands_of_pair()["lane"], noise=0.01, others=ALL.items())
     assert write_bag(recording_of(moving), VEHICLE, SteeringMap(), tmp_path / "bag") is None
     with pytest.raises(
-        JudgeError, match=r"begins while the vehicle moves; identify from the table"
+        JudgeError, match=r"has no standstill before a drive; identify from the table"
     ):
         read_measured_drive(tmp_path / "bag", VEHICLE)
 

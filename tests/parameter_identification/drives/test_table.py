@@ -71,6 +71,7 @@ def test_wheel_speeds_in_m_s_become_rad_s_by_the_tyres_of_the_vehicle(tmp_path: 
         ("t,px,py,psy,cmd\n", "a.csv: column 'psi' is missing; is 'psy' meant?"),
         ("t,px,py,psi,cmd,t\n", "a.csv: column 't' comes twice"),
         ("t,px,py,psi,cmd\n0,inf,0,0,0\n", "a.csv: row 1: px: needs a number, not 'inf'"),
+        ("t,px,py,psi,cmd\n0,1_0,0,0,0\n", "a.csv: row 1: px: needs a number, not '1_0'"),
         (
             "t;px;py;psi;cmd\n0;0,1;0;0;0\n",
             "a.csv: row 1: px: needs a number, with a point for its decimals, not '0,1'",

@@ -292,7 +292,9 @@ class _Collector:
         self.topics = topics
         without = "publish a plan before recording"
         if table := reader.metadata.get(IMPORTED_FROM):
-            without = f"{table} begins while the vehicle moves; identify from the table (--columns)"
+            without = (
+                f"{table} has no standstill before a drive; identify from the table (--columns)"
+            )
         self.reference = self._name(topics.reference, without)
         self.state = self._name(topics.state, "the drive's start event is recorded there")
         self.pose = self._name(topics.pose, "name the topic of the poses")

@@ -451,7 +451,8 @@ def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
         for heading, place in at.items():
             cell = line[place].strip()
             try:
-                value = float(cell) if cell else math.nan
+                # without digits in groups, as in 1_000, which Python takes
+                value = float(cell.replace("_", "?")) if cell else math.nan
             except ValueError:
                 value = math.inf
             if math.isinf(value):

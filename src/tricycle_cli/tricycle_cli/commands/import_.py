@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     print(f"{len(recording.time)} poses in {args.output}")
     if start is None:
         print(
-            "no start event: the vehicle does not stand for 0.6 s before it drives; the bag cannot "
-            "be judged, identify from the table instead",
+            "no start event: the vehicle does not drive, or does not stand for 0.6 s before; the "
+            "bag cannot be judged, identify from the table instead",
             file=sys.stderr,
         )
     elif columns.speed_command is None:

@@ -3,6 +3,7 @@
 Text that comes from files is escaped: Plotly takes labels for HTML.
 """
 
+import itertools
 from html import escape
 
 import numpy as np
@@ -186,7 +187,7 @@ def wheel_loads(loads: WheelLoads) -> go.Figure:
     """
     figure = _figure()
     time, *values = _thinned(loads.time, *loads.by_wheel.values())
-    colors = (BLUE, VERMILLION, GREEN, ORANGE)
+    colors = itertools.cycle((BLUE, VERMILLION, GREEN, ORANGE))
     for name, value, color in zip(loads.by_wheel, values, colors, strict=False):
         figure.add_scatter(x=time, y=value, name=name, line=_line(color))
     figure.update_yaxes(title="wheel load / N", rangemode="tozero")
