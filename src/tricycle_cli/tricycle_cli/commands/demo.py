@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -180,6 +181,9 @@ def run(args: argparse.Namespace) -> int:
         ("report", "report.html"),
     ):
         console.print(f"{what}: {output / where}", soft_wrap=True)
+    if not found.parameters[args.target].identifiable:
+        print(f"the drives do not show {args.target}, which they should", file=sys.stderr)
+        return 1
     return 0
 
 
