@@ -15,6 +15,7 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.fleet import DAY, course, identify_fleet
 from tricycle_cli.main import main
+from tricycle_cli.reports.remarks import remarks_on_fleet
 from tricycle_core.errors import IdentificationError
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -76,6 +77,25 @@ def test_a_fleet_has_a_population_and_an_odd_vehicle(tmp_path, capsys):
     assert "at least 4 vehicles; given: none" in capsys.readouterr().err
     assert main([*command, str(out / "x" / "trike_0" / "drive"), pattern, *keep]) == 2
     assert "two folders of bags have one name" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_vehicle_beyond_a_range_is_named_and_compared_in_nothing(tmp_path):
+    low = VEHICLE.unknown["cornering_stiffness"][0]
+    true = [*TRUTH[0] * np.array([0.98, 1.0, 1.01, 0.99, 1.02]), 0.88 * low]
+    bags = {
+        f"trike_{v}": [
+            write(tmp_path / f"{v}_{i}", 10 * v + i, stiffness, circle=(2.5 + 0.5 * i, 0.8))
+            for i in range(2)
+        ]
+        for v, stiffness in enumerate(true)
+    }
+    fleet = identify_fleet(bags, VEHICLE, folder=tmp_path / "work")
+    assert fleet.beyond == {"trike_5": ("cornering_stiffness",)}
+    assert re.match("trike_5: .* cornering_stiffness beyond", remarks_on_fleet(fleet)[0])
+    assert fleet.odd == ()
+    for found in fleet.populations.values():
+        assert "trike_5" not in [m.vehicle for m in found.members]
 
 
 @pytest.mark.slow

@@ -57,6 +57,8 @@ class Fleet:
         By parameter that is the same in all vehicles.
     own : tuple of str
         Parameters of which vehicles are not compared.
+    beyond : mapping of str to tuple of str
+        By vehicle that is not compared: the parameters that its drives pull beyond their ranges.
     when : float
         Middle of the times of all drives [s since 1970]; NaN where one is not known.
     left_out : tuple of str
@@ -70,6 +72,7 @@ class Fleet:
     changes: Mapping[str, Population]
     shared: Mapping[str, Estimate]
     own: tuple[str, ...]
+    beyond: Mapping[str, tuple[str, ...]]
     when: float
     left_out: tuple[str, ...]
     level: float
@@ -216,6 +219,7 @@ def identify_fleet(
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
         one = result_of(fit, (), level, covariance=found.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
+    beyond = {name: pulled for i, name in enumerate(files) if (pulled := found.pulled(i, level))}
     populations, changes = {}, {}
     for i, parameter in enumerate(names):
         if parameter in shared or parameter in own:
@@ -233,7 +237,9 @@ def identify_fleet(
             changes[parameter] = parts.population(told, 1, (0.0, per_day), level)
             parts = parts.with_rates(changes[parameter], per_day, level)
         populations[parameter] = parts.population(told, 0, (low, high - low), level)
-    return Fleet(vehicles, populations, changes, alike, tuple(own), when, tuple(left_out), level)
+    return Fleet(
+        *(vehicles, populations, changes, alike, tuple(own), beyond, when, tuple(left_out), level)
+    )
 
 
 def _check_names(

@@ -207,6 +207,7 @@ def _document(fleet: Fleet) -> dict[str, Any]:
         "own": list(fleet.own),
         "when": fleet.when if math.isfinite(fleet.when) else None,
         "odd": list(fleet.odd),
+        "beyond": encode(dict(fleet.beyond)),
         "left_out": list(fleet.left_out),
     }
 

@@ -252,7 +252,11 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     """
     from parameter_identification.many_drives import few_coloured
 
-    lines = []
+    lines = [
+        f"{name}: its drives pull {', '.join(pulled)} beyond the range: none of its parameters is "
+        "compared. Widen the range in the vehicle file, or it is a vehicle of another kind"
+        for name, pulled in fleet.beyond.items()
+    ]
     for name in fleet.odd:
         where = ", ".join(
             f"{'the change of ' * rate}{parameter} ({m.distance:+.1f} σ)"
