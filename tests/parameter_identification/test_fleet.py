@@ -134,6 +134,16 @@ def test_a_parameter_changes_in_each_vehicle_at_its_own_rate(tmp_path):
     assert np.all(np.abs(other.values - TRUTH[3]) < 4.0 * other.deviations)
 
 
+@pytest.mark.parametrize("days", [[0, 0, 0, 0], [0, 30, 60, 90]], ids=["none", "of vehicles"])
+def test_times_that_differ_in_no_vehicle_show_no_change(tmp_path, days):
+    bags = {
+        f"trike_{v}": [write(tmp_path / f"drive_{v}", v, TRUTH[0], days=day)]
+        for v, day in enumerate(days)
+    }
+    with pytest.raises(IdentificationError, match="by 60 min or more, of at least 4 vehicles"):
+        identify_fleet(bags, VEHICLE, folder=tmp_path / "work", changing=["cornering_stiffness"])
+
+
 @pytest.mark.parametrize(
     ("named", "message"),
     [

@@ -9,6 +9,7 @@ A parameter that changes has a level and a rate in each vehicle, linear in time,
 population: the rates first, and with what it tells of every rate the levels at one time.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -36,6 +37,7 @@ from tricycle_sim.effects import effects_of
 from tricycle_sim.vehicle import Vehicle
 
 DAY = 86400.0  # s
+APART = 3600.0  # s, between a vehicle's first and last drive, from which a change can be told
 MOST_POINTS = 24  # of a vehicle's estimates over time
 
 
@@ -134,7 +136,8 @@ def identify_fleet(
         Parameters of which nothing is concluded from one vehicle to another. Those that are neither
         are drawn from a population.
     changing : sequence of str, optional
-        Of those drawn from a population: those that change linearly in time.
+        Of those drawn from a population: those that change linearly in time. Of at least `FEWEST`
+        vehicles the first and the last drive are `APART`.
     effects : sequence of str, optional
         Of `EFFECTS`: estimated beside the parameters of each vehicle. All act.
     executor : concurrent.futures.Executor, optional
@@ -156,7 +159,7 @@ def identify_fleet(
     ------
     IdentificationError
         If there are fewer than `FEWEST` vehicles, a bag cannot be used, or a parameter is not one,
-        or is named twice.
+        or is named twice, or the times of the drives show no change.
     """
     _check_names(vehicle, shared, own, changing)
     if len(bags) < FEWEST:
@@ -193,10 +196,13 @@ def identify_fleet(
             f"{len(files)} vehicles with drives that can be used ({', '.join(files)}) are no "
             f"fleet: {FEWEST} are needed"
         )
-    when, unit = _times([began(file) for drives in files.values() for file in drives])
-    if changing and not unit > 0.0:
+    times = {name: [began(file) for file in drives] for name, drives in files.items()}
+    when, unit = _times([time for own in times.values() for time in own])
+    seen = [name for name, own in times.items() if np.ptp(own) >= APART]
+    if changing and (math.isnan(when) or len(seen) < FEWEST):
         raise IdentificationError(
-            f"{', '.join(changing)}: no change is seen where drives have no times that differ"
+            f"{', '.join(changing)}: needs drives at different times, by {APART / 60.0:.0f} min or "
+            f"more, of at least {FEWEST} vehicles; so are those of: {', '.join(seen) or 'none'}"
         )
     fits = begin(
         list(files.values()),
