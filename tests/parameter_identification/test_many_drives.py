@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import os
+import re
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -12,14 +13,16 @@ import pytest
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
+from parameter_identification import many_drives
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.kept import keep, kept, told_by
 from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
+from parameter_identification.estimation.shares import Setting
 from parameter_identification.identification import identify
-from parameter_identification.many_drives import identify_many
+from parameter_identification.many_drives import VehicleFit, drop_untold, identify_many
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 
@@ -221,6 +224,27 @@ def test_a_bad_bag_is_named_and_left_out_only_when_asked(bags, tmp_path):
     assert "broken" in found.left_out[0]
     with pytest.raises(IdentificationError, match="no drive"):
         identify_many([broken], VEHICLE, folder=tmp_path / "work", leave_out=True)
+
+
+def test_a_drive_without_what_moves_as_measured_is_named_by_its_bag_or_left_out(
+    bags, tmp_path, monkeypatch
+):
+    drive = read_measured_drive(bags[0], VEHICLE)
+    silent = {s: v for s, v in drive.signals.items() if s is not Sensor.WHEEL_SPEED}
+    for i, bag in enumerate(bags[:3]):
+        keep(dataclasses.replace(drive, signals=silent) if i == 1 else drive, tmp_path / bag.name)
+    files = {bag: tmp_path / bag.name for bag in bags[:3]}
+    setting = Setting(VEHICLE, (), {}, {}, frozenset({Input.SPEED}))
+    fit = VehicleFit(list(files.values()), setting, None, np.arange(3.0), TRUTH)
+    monkeypatch.setattr(many_drives, "read_bags", lambda *_, **__: (files, []))
+    monkeypatch.setattr(many_drives, "begin", lambda *_: [dataclasses.replace(fit)])
+    reason = f"{bags[1]}: does not tell throughout the speed"
+    with pytest.raises(IdentificationError, match=re.escape(reason)):
+        identify_many(bags, VEHICLE, folder=tmp_path)
+    (left_out,) = drop_untold([fit], files, None, leave_out=True)
+    assert left_out.startswith(reason)
+    assert fit.files == [files[bags[0]], files[bags[2]]]
+    assert fit.since.tolist() == [0.0, 2.0]
 
 
 def test_a_drive_of_another_plan_is_taken_knowingly(bags, tmp_path, monkeypatch):

@@ -27,6 +27,7 @@ from parameter_identification.many_drives import (
     ManyDrives,
     begin,
     descend,
+    drop_untold,
     read_bags,
     result_of,
 )
@@ -215,7 +216,8 @@ def identify_fleet(
         since=lambda time: (time - when) / unit,
         progress=lambda done, count: tell(steps - count + done),
     )
-    descend(fits, executor)
+    left_out += drop_untold(fits, known, executor, leave_out=leave_out)
+    descend(fits, executor, list(files))
     names = list(vehicle.unknown)
     together = Together(fits, sorted(names.index(name) for name in shared))
     together.descend(executor)

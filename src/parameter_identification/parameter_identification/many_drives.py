@@ -35,7 +35,7 @@ from parameter_identification.drives.kept import (
     measured_key,
     told_by,
 )
-from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.drives.measured import Input, MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
 from parameter_identification.estimation.doubt import (
@@ -53,7 +53,13 @@ from parameter_identification.estimation.results import (
     common_truth,
     estimate_of,
 )
-from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
+from parameter_identification.estimation.shares import (
+    DriveShare,
+    Setting,
+    first_fit,
+    share_of,
+    untold,
+)
 from parameter_identification.estimation.weighing import CERTAIN, Mixture
 from parameter_identification.estimation.weighing import mixture as mixture_of
 from parameter_identification.estimation.whiteness import SIGNIFICANCE
@@ -313,7 +319,9 @@ def _summed(
     return Sum(point, cost, pull + slopes.sum(axis=0), information, slopes, tuple(shares))
 
 
-def descend(fits: Sequence[VehicleFit], executor: Executor | None) -> None:
+def descend(
+    fits: Sequence[VehicleFit], executor: Executor | None, names: Sequence[str] = ()
+) -> None:
     """Bring each vehicle to the best fit of its drives, all in the same passes.
 
     Parameters
@@ -322,6 +330,8 @@ def descend(fits: Sequence[VehicleFit], executor: Executor | None) -> None:
         The vehicles.
     executor : concurrent.futures.Executor, optional
         Default: this process.
+    names : sequence of str
+        Of the vehicles, for the message.
 
     Raises
     ------
@@ -349,7 +359,8 @@ def descend(fits: Sequence[VehicleFit], executor: Executor | None) -> None:
                 fits[i].at, fits[i].here, lengths[i] = point, there, 1.0
             else:
                 lengths[i] *= 0.3
-    raise IdentificationError(f"no minimum after {PASSES} passes over the drives")
+    whose = f"{', '.join(names[i] for i in lengths)}: " if names else ""
+    raise IdentificationError(f"{whose}no minimum after {PASSES} passes over the drives")
 
 
 def identify_many(
@@ -414,8 +425,9 @@ def identify_many(
     )  # fmt: skip
     if not files:
         raise IdentificationError("no drive: nothing to identify from")
-    (fit,) = begin([list(files.values())], vehicle, beside, prior, seed, executor)
-    descend([fit], executor)
+    (fit,) = fits = begin([list(files.values())], vehicle, beside, prior, seed, executor)
+    left_out += drop_untold(fits, files, executor, leave_out=leave_out)
+    descend(fits, executor)
     average = None
     if weighed and fit.setting.shared:
         average = _weigh(fit)
@@ -549,12 +561,62 @@ def _begin(
     files, vehicle, effects, prior, seed = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
     drives: dict[Path, MeasuredDrive] = {file: kept(file) for file in files if file in chosen}
+    # where the servo is of another kind, the other drives are of no use
+    steering = {file: drive for file, drive in drives.items() if Input.STEERING in drive.told}
+    drives = steering or drives
     known = set().union(*map(told_by, drives))
     for file in files:
         if not known >= (more := told_by(file)):
             drives[file] = kept(file)
             known |= more
     return first_fit(list(drives.values()), vehicle, effects, prior, seed)
+
+
+def drop_untold(
+    fits: Sequence[VehicleFit],
+    files: Mapping[Path, Path],
+    executor: Executor | None,
+    *,
+    leave_out: bool,
+) -> list[str]:
+    """Drop drives that do not tell what moves as measured in others of their vehicle; return why.
+
+    Parameters
+    ----------
+    fits : sequence of VehicleFit
+        From `begin`.
+    files : mapping of Path to Path
+        Kept drive of each bag.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    leave_out : bool
+        Whether they are dropped, instead of being an error.
+
+    Raises
+    ------
+    IdentificationError
+        If there is one that is not to be dropped.
+    """
+    bags = {file: bag for bag, file in files.items()}
+    reasons = []
+    needing = [fit for fit in fits if fit.setting.measured]
+    found = each(executor, _untold, [(fit.setting, file) for fit in needing for file in fit.files])
+    for fit in needing:
+        told = []
+        for file, reason in zip(fit.files, itertools.islice(found, len(fit.files)), strict=True):
+            told.append(not reason)
+            if reason:
+                reasons.append(f"{bags[file]}: {reason}")
+        fit.files = list(itertools.compress(fit.files, told))
+        fit.since = fit.since[told]
+    if reasons and not leave_out:
+        raise IdentificationError(reasons[0])
+    return reasons
+
+
+def _untold(job: tuple[Setting, Path]) -> str:
+    setting, file = job
+    return untold(setting, kept(file))
 
 
 def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -> Iterator[R]:
