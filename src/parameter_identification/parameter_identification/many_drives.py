@@ -105,6 +105,12 @@ class ManyDrives:
         What all drives have in common beside the parameters; of deviations their sizes.
     others : mapping of str to Estimate
         Parameters that were not asked for, but estimated.
+    fixed : mapping of str to float
+        Parameters that were held at their nominal values: no interval counts an error in them.
+    measured : frozenset of Input
+        What moved as measured, not as the commands say.
+    seed : int
+        Of the starts.
     """
 
     parameters: Mapping[str, Estimate]
@@ -118,6 +124,9 @@ class ManyDrives:
     level: float
     effects: tuple[EffectEstimate, ...] = ()
     others: Mapping[str, Estimate] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    measured: frozenset[Input] = frozenset()
+    seed: int = 0
 
     def only(self, names: Collection[str]) -> Self:
         """Return the result for some of the parameters, the rest of which are its `others`.
@@ -431,7 +440,7 @@ def identify_many(
     average = None
     if weighed and fit.setting.shared:
         average = _weigh(fit)
-    return result_of(fit, left_out, level, average=average)
+    return result_of(fit, left_out, level, seed, average=average)
 
 
 def read_bags(
@@ -732,6 +741,7 @@ def result_of(
     fit: VehicleFit,
     left_out: Sequence[str],
     level: float,
+    seed: int,
     *,
     covariance: FloatArray | None = None,
     average: _Average | None = None,
@@ -746,6 +756,8 @@ def result_of(
         Bags that were not used, with the reason.
     level : float
         Probability of the intervals.
+    seed : int
+        Of the starts.
     covariance : ndarray of float, shape (n, n), optional
         Of the variables, where other vehicles tell of them too.
     average : _Average, optional
@@ -796,4 +808,6 @@ def result_of(
         vehicle.fingerprint,
         level,
         tuple(effects),
+        measured=setting.measured,
+        seed=seed,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from tricycle_cli.arguments import (
@@ -256,6 +257,9 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         ).only(asked.unknown)
+    if args.hold_others:
+        held = {name: v for name, v in vehicle.nominal.items() if name not in asked.unknown}
+        found = replace(found, fixed=held, vehicle_hash=vehicle.fingerprint)
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(parameter_table(found))
     for remark in remarks_on_many(found):
