@@ -132,6 +132,13 @@ def test_two_odd_vehicles_do_not_hide_each_other():
     assert [m.vehicle for m in members if m.odd] == ["trike 2", "trike 7"]
 
 
+def test_odd_is_called_one_of_at_least_five():
+    for count, odd in ((4, False), (5, True)):
+        estimates = np.append(np.linspace(-1.0, 1.0, count - 1), 1e6)
+        found = population(names(count), estimates, np.full(count, 0.1))
+        assert [m.odd for m in found.members] == [False] * (count - 1) + [odd]
+
+
 def test_three_vehicles_are_no_population():
     with pytest.raises(IdentificationError, match="3 vehicles are no population: 4"):
         population(names(3), np.ones(3), np.ones(3))
