@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -74,8 +75,9 @@ def test_a_fleet_has_a_population_and_an_odd_vehicle(tmp_path, capsys):
     assert main([*command, pattern, *keep, "--vehicles", "vehicle_id"]) == 2
     assert "its metadata has no 'vehicle_id'; there is: imported_from" in capsys.readouterr().err
     assert main([*command, pattern, *keep, "--vehicles", "vehicle_id", "--leave-out"]) == 2
-    assert "at least 4 vehicles; given: none" in capsys.readouterr().err
-    assert main([*command, str(out / "x" / "trike_0" / "drive"), pattern, *keep]) == 2
+    assert "no bag can be used. Left out: " in capsys.readouterr().err
+    shutil.copytree(bags[0], other := out / "x" / "trike_0" / "drive")
+    assert main([*command, str(other), pattern, *keep]) == 2
     assert "two folders of bags have one name" in capsys.readouterr().err
 
 
@@ -96,6 +98,37 @@ def test_a_vehicle_beyond_a_range_is_named_and_compared_in_nothing(tmp_path):
     assert fleet.odd == ()
     for found in fleet.populations.values():
         assert "trike_5" not in [m.vehicle for m in found.members]
+
+
+def test_paths_that_are_no_bags_are_told_as_such(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for v in range(4):
+        (tmp_path / "bags" / f"trike_{v}" / "drive").mkdir(parents=True)
+    folders = [f"bags/trike_{v}" for v in range(4)]
+    drives = [f"{folder}/drive" for folder in folders]
+    fleet = ["fleet", "identify", "--workers", "1"]
+    for command, message in [
+        ([*fleet, "missing"], "missing: no such bag"),
+        ([*fleet, *folders], "bags/trike_0 is not a bag"),
+        (
+            [*fleet, *drives, "--leave-out"],
+            "no bag can be used. Left out: bags/trike_0/drive is not a bag",
+        ),
+        (
+            ["identify", "missing", "--drive-by-drive", "work", "--leave-out", "--workers", "1"],
+            "no drive: nothing to identify from. Left out: missing: no such bag",
+        ),
+    ]:
+        assert main(command) == 2
+        assert message in capsys.readouterr().err
+    for drive in drives:
+        (tmp_path / drive / "metadata.yaml").touch()
+    assert main([*fleet, *drives, "--leave-out"]) == 2
+    said = capsys.readouterr().err
+    assert "4 vehicles; with drives that can be used: none. Left out: bags/trike_0/drive" in said
+    assert "trike_2" in said
+    assert "trike_3" not in said
+    assert said.endswith("; …\n")
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from parameter_identification.many_drives import (
     drop_untold,
     read_bags,
     result_of,
+    some_of,
 )
 from parameter_identification.together import Together
 from tricycle_core.errors import IdentificationError
@@ -194,8 +195,8 @@ def identify_fleet(
     }
     if len(files) < FEWEST:
         raise IdentificationError(
-            f"{len(files)} vehicles with drives that can be used ({', '.join(files)}) are no "
-            f"fleet: {FEWEST} are needed"
+            f"a fleet needs at least {FEWEST} vehicles; with drives that can be used: "
+            f"{', '.join(files) or 'none'}{some_of(left_out)}"
         )
     times = {name: [began(file) for file in drives] for name, drives in files.items()}
     when, unit = _times([time for own in times.values() for time in own])

@@ -74,6 +74,8 @@ PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
 RATE = 0.5  # standard deviation of a rate's prior, in ranges per unit of time
 
+NAMED = 3  # bags left out in a message
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -433,7 +435,7 @@ def identify_many(
         progress=progress, other_vehicle=other_vehicle,
     )  # fmt: skip
     if not files:
-        raise IdentificationError("no drive: nothing to identify from")
+        raise IdentificationError(f"no drive: nothing to identify from{some_of(left_out)}")
     (fit,) = fits = begin([list(files.values())], vehicle, beside, prior, seed, executor)
     left_out += drop_untold(fits, files, executor, leave_out=leave_out)
     descend(fits, executor)
@@ -441,6 +443,18 @@ def identify_many(
     if weighed and fit.setting.shared:
         average = _weigh(fit)
     return result_of(fit, left_out, level, seed, average=average)
+
+
+def some_of(left_out: Sequence[str]) -> str:
+    """Return the first reasons why bags were not used, as the end of a message; empty for none.
+
+    Parameters
+    ----------
+    left_out : sequence of str
+        All of them.
+    """
+    more = "; …" if len(left_out) > NAMED else ""
+    return f". Left out: {'; '.join(left_out[:NAMED])}{more}" if left_out else ""
 
 
 def read_bags(
