@@ -5,8 +5,13 @@ import errno
 import os
 import re
 import shutil
+import subprocess
+import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
+from signal import SIGINT
 
 import numpy as np
 import pytest
@@ -22,7 +27,7 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.estimation.shares import Setting
 from parameter_identification.identification import identify
-from parameter_identification.many_drives import VehicleFit, drop_untold, identify_many
+from parameter_identification.many_drives import VehicleFit, drop_untold, each, identify_many
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 
@@ -263,6 +268,38 @@ def test_a_worker_that_dies_is_told(tmp_path):
         executor.submit(os._exit, 1)
         with pytest.raises(IdentificationError, match="a worker died"):
             identify_many([tmp_path], VEHICLE, folder=tmp_path / "work", executor=executor)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # dask's own
+def test_a_worker_of_dask_that_dies_is_told(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    dask = pytest.importorskip("dask")
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.Client(
+            n_workers=1, threads_per_worker=1, dashboard_address=None, local_directory=str(tmp_path)
+        ) as client,
+        pytest.raises(IdentificationError, match="a worker died"),
+    ):
+        list(each(client.get_executor(), os._exit, [1]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [0.0, 2.0])
+def test_ctrl_c_ends_the_workers_without_a_word_of_theirs(bags, tmp_path, seconds):
+    options = "--drive-by-drive", str(tmp_path / "work"), "--workers", "2"
+    with subprocess.Popen(
+        [Path(sys.executable).with_name("tricycle"), "identify", *map(str, bags), *options],
+        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as process:  # fmt: skip
+        while process.poll() is None and not (tmp_path / "work").exists():
+            time.sleep(0.01)
+        time.sleep(seconds)  # 0: while the workers start
+        os.killpg(process.pid, SIGINT)
+        said, _ = process.communicate(timeout=20.0)  # until the last one that could say something
+    assert "Traceback" not in said
+    assert process.returncode == 130
 
 
 def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):

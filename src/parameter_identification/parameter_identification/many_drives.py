@@ -661,7 +661,11 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
     """
     try:
         yield from map(work, jobs) if executor is None else executor.map(work, jobs)
-    except BrokenExecutor as error:
+    except Exception as error:
+        # dask gives a task to other workers first, and then raises an error of its own
+        of_dask = type(error).__module__.startswith("distributed.")
+        if not (of_dask or isinstance(error, BrokenExecutor)):
+            raise
         raise IdentificationError(
             "a worker died; was memory short? The same call goes on with the drives that were read"
         ) from error

@@ -135,9 +135,7 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+    from excitation_planner.design.executors import processes
     from parameter_identification.fleet import identify_fleet
     from parameter_identification.many_drives import some_of
     from trajectory_recorder.bag.location import find_bags
@@ -164,9 +162,7 @@ def run(args: argparse.Namespace) -> int:
     with ExitStack() as stack:
         keep = args.keep or (args.output and args.output / "drives")
         folder = keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        executor = stack.enter_context(
-            ProcessPoolExecutor(args.workers, mp_context=get_context("spawn"))
-        )
+        executor = stack.enter_context(processes(args.workers))
         fleet = identify_fleet(
             dict(sorted(bags.items())),
             vehicle,

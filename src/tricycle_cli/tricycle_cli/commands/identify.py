@@ -214,9 +214,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _drive_by_drive(args: argparse.Namespace) -> int:
     """Identify from many bags, print, write."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+    from excitation_planner.design.executors import processes
     from parameter_identification.estimation.unknown import restrict
     from parameter_identification.identification_file import (
         document_of_many,
@@ -241,10 +239,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         check_output_files((args.output / name for name in FILES), args)
     vehicle = load_vehicle(args.vehicle)
     asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
-    with (
-        ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as executor,
-        progress_bar("reading drives") as progress,
-    ):
+    with processes(args.workers) as executor, progress_bar("reading drives") as progress:
         found = identify_many(
             args.drives,
             asked if args.hold_others else vehicle,
