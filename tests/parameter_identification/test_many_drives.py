@@ -147,6 +147,21 @@ def test_a_bag_that_was_read_is_not_read_again(bags, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_drives_are_named_by_the_bags_that_are_given(bags, tmp_path, monkeypatch):
+    work = tmp_path / "work"
+    assert identify_many(bags[:1], VEHICLE, folder=work).drives[0].name == bags[0].name
+    for vehicle, bag in zip("ab", bags, strict=False):
+        shutil.copytree(bag, tmp_path / vehicle / "renamed")
+    given = [tmp_path / "a" / "renamed", tmp_path / "b" / "renamed"]
+    (alone,) = identify_many(given[:1], VEHICLE, folder=work).drives
+    assert alone.name == "renamed"
+    monkeypatch.chdir(tmp_path)
+    for both in (given, [bag.relative_to(tmp_path) for bag in given]):
+        named = [drive.name for drive in identify_many(both, VEHICLE, folder=work).drives]
+        assert named == ["a/renamed", "b/renamed"]
+
+
+@pytest.mark.slow
 def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path):
     rng = np.random.default_rng(0)
     apart = [TRUTH * (1.0 + 0.03 * rng.standard_normal(len(TRUTH))) for _ in range(20)]

@@ -226,7 +226,7 @@ def identify_fleet(
     alike = found.shared(level)
     vehicles = {}
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
-        one = result_of(fit, (), level, seed, covariance=found.covariance(i))
+        one = result_of(fit, known, (), level, seed, covariance=found.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
     beyond = {name: pulled for i, name in enumerate(files) if (pulled := found.pulled(i, level))}
     populations, changes = {}, {}

@@ -442,7 +442,7 @@ def identify_many(
     average = None
     if weighed and fit.setting.shared:
         average = _weigh(fit)
-    return result_of(fit, left_out, level, seed, average=average)
+    return result_of(fit, files, left_out, level, seed, average=average)
 
 
 def some_of(left_out: Sequence[str]) -> str:
@@ -755,8 +755,20 @@ def _weigh(fit: VehicleFit) -> _Average:
     return _Average(mixture, tuple((mixture.weights @ mixture.acting).tolist()))
 
 
+def _names_of(bags: Sequence[Path]) -> list[str]:
+    """Names of bags, with as many of the folders that they are in as tell them apart."""
+    names: list[str] = []
+    for folders in range(1 + max(len(bag.parts) for bag in bags)):
+        first = [max(len(bag.parts) - 1 - folders, 0) for bag in bags]
+        names = ["/".join((*b.parts[i:-1], b.stem)) for b, i in zip(bags, first, strict=True)]
+        if len(set(names)) == len(names):
+            break
+    return names
+
+
 def result_of(
     fit: VehicleFit,
+    files: Mapping[Path, Path],
     left_out: Sequence[str],
     level: float,
     seed: int,
@@ -770,6 +782,8 @@ def result_of(
     ----------
     fit : VehicleFit
         At the best fit.
+    files : mapping of Path to Path
+        Kept drive of each bag, by which the drives are named: it may be kept of a bag of before.
     left_out : sequence of str
         Bags that were not used, with the reason.
     level : float
@@ -815,11 +829,14 @@ def result_of(
         for e in setting.effects
         if e.process and e.name in setting.sizes
     ]
+    bags = {file: bag for bag, file in files.items()}
+    names = _names_of([bags[file] for file in fit.files])
+    shares = [replace(s, name=name) for s, name in zip(here.shares, names, strict=True)]
     return ManyDrives(
         estimates,
         covariance[:k, :k] * np.outer(width, width),
         float(growth.max()),
-        here.shares,
+        tuple(shares),
         tuple(left_out),
         common_truth(share.truth for share in here.shares),
         vehicle.name,
