@@ -35,7 +35,6 @@ def fleet_page(fleet: Fleet) -> str:
         What `identify_fleet` found.
     """
     first, last = _span(fleet)
-    days = (last - first) / DAY
     sections = [
         Section("Odd vehicles", (_outliers(fleet),)),
         Section("Population", (_populations(fleet), *_figure(fleet))),
@@ -46,9 +45,14 @@ def fleet_page(fleet: Fleet) -> str:
     return html_page(
         f"{len(fleet.vehicles)} vehicles",
         sections,
-        subtitle=f"{fleet.drives} drives in {days:.3g} days, from {_date(first)} to {_date(last)}; "
-        f"{fleet.level:.0%} intervals",
+        subtitle=f"{fleet.drives} drives in {_days(last - first)} days, "
+        f"from {_date(first)} to {_date(last)}; {fleet.level:.0%} intervals",
     )
+
+
+def _days(seconds: float) -> str:
+    days = seconds / DAY
+    return f"{days:.0f}" if days >= 10.0 else f"{days:.3g}"
 
 
 def _date(time: float) -> str:
