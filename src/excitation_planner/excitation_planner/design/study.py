@@ -39,7 +39,7 @@ from excitation_planner.design.store import (
     csv_text,
     read_study_file,
 )
-from excitation_planner.design.trajectories import read_trajectories
+from excitation_planner.design.trajectories import channels_of, read_trajectories
 from excitation_planner.indices.sensitivity import real_outputs
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.documents import write_whole
@@ -325,11 +325,12 @@ class Study:
     def tell_parquet(self, path: Path) -> None:
         """Take the trajectories in a Parquet file, a row per time point in the order of time.
 
-        Its columns are point, sample, maneuver (of a set, from 0) and the channels. A point is
-        taken whole or not at all.
+        Its columns are point, sample, maneuver (of a set, from 0) and the channels, in the order of
+        other files. A point is taken whole or not at all.
         """
+        channels = channels_of(path)
         for point, (samples, outputs) in read_trajectories(path).items():
-            self._store.add_trajectories(point, samples, outputs)
+            self._store.add_trajectories(point, samples, outputs, channels)
 
     def design(self) -> Design:
         """Return the design; PendingError while simulations are missing."""
