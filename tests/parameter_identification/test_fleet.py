@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.fleet import DAY, course, identify_fleet
 from tricycle_cli.main import main
+from tricycle_cli.reports.remarks import remarks_on_fleet
 from tricycle_core.errors import IdentificationError
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -73,9 +75,60 @@ def test_a_fleet_has_a_population_and_an_odd_vehicle(tmp_path, capsys):
     assert main([*command, pattern, *keep, "--vehicles", "vehicle_id"]) == 2
     assert "its metadata has no 'vehicle_id'; there is: imported_from" in capsys.readouterr().err
     assert main([*command, pattern, *keep, "--vehicles", "vehicle_id", "--leave-out"]) == 2
-    assert "at least 4 vehicles; given: none" in capsys.readouterr().err
-    assert main([*command, str(out / "x" / "trike_0" / "drive"), pattern, *keep]) == 2
+    assert "no bag can be used. Left out: " in capsys.readouterr().err
+    shutil.copytree(bags[0], other := out / "x" / "trike_0" / "drive")
+    assert main([*command, str(other), pattern, *keep]) == 2
     assert "two folders of bags have one name" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_vehicle_beyond_a_range_is_named_and_compared_in_nothing(tmp_path):
+    low = VEHICLE.unknown["cornering_stiffness"][0]
+    true = [*TRUTH[0] * np.array([0.98, 1.0, 1.01, 0.99, 1.02]), 0.88 * low]
+    bags = {
+        f"trike_{v}": [
+            write(tmp_path / f"{v}_{i}", 10 * v + i, stiffness, circle=(2.5 + 0.5 * i, 0.8))
+            for i in range(2)
+        ]
+        for v, stiffness in enumerate(true)
+    }
+    fleet = identify_fleet(bags, VEHICLE, folder=tmp_path / "work")
+    assert fleet.beyond == {"trike_5": ("cornering_stiffness",)}
+    assert re.match("trike_5: .* cornering_stiffness beyond", remarks_on_fleet(fleet)[0])
+    assert fleet.odd == ()
+    for found in fleet.populations.values():
+        assert "trike_5" not in [m.vehicle for m in found.members]
+
+
+def test_paths_that_are_no_bags_are_told_as_such(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for v in range(4):
+        (tmp_path / "bags" / f"trike_{v}" / "drive").mkdir(parents=True)
+    folders = [f"bags/trike_{v}" for v in range(4)]
+    drives = [f"{folder}/drive" for folder in folders]
+    fleet = ["fleet", "identify", "--workers", "1"]
+    for command, message in [
+        ([*fleet, "missing"], "missing: no such bag"),
+        ([*fleet, *folders], "bags/trike_0 is not a bag"),
+        (
+            [*fleet, *drives, "--leave-out"],
+            "no bag can be used. Left out: bags/trike_0/drive is not a bag",
+        ),
+        (
+            ["identify", "missing", "--drive-by-drive", "work", "--leave-out", "--workers", "1"],
+            "no drive: nothing to identify from. Left out: missing: no such bag",
+        ),
+    ]:
+        assert main(command) == 2
+        assert message in capsys.readouterr().err
+    for drive in drives:
+        (tmp_path / drive / "metadata.yaml").touch()
+    assert main([*fleet, *drives, "--leave-out"]) == 2
+    said = capsys.readouterr().err
+    assert "4 vehicles; with drives that can be used: none. Left out: bags/trike_0/drive" in said
+    assert "trike_2" in said
+    assert "trike_3" not in said
+    assert said.endswith("; …\n")
 
 
 @pytest.mark.slow
@@ -112,6 +165,16 @@ def test_a_parameter_changes_in_each_vehicle_at_its_own_rate(tmp_path):
     assert np.all(seen.deviations < 0.1 * true)
     other = course(fleet.vehicles["trike_7"], "yaw_inertia")
     assert np.all(np.abs(other.values - TRUTH[3]) < 4.0 * other.deviations)
+
+
+@pytest.mark.parametrize("days", [[0, 0, 0, 0], [0, 30, 60, 90]], ids=["none", "of vehicles"])
+def test_times_that_differ_in_no_vehicle_show_no_change(tmp_path, days):
+    bags = {
+        f"trike_{v}": [write(tmp_path / f"drive_{v}", v, TRUTH[0], days=day)]
+        for v, day in enumerate(days)
+    }
+    with pytest.raises(IdentificationError, match="by 60 min or more, of at least 4 vehicles"):
+        identify_fleet(bags, VEHICLE, folder=tmp_path / "work", changing=["cornering_stiffness"])
 
 
 @pytest.mark.parametrize(

@@ -3,23 +3,31 @@
 import dataclasses
 import errno
 import os
+import re
 import shutil
+import subprocess
+import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
+from signal import SIGINT
 
 import numpy as np
 import pytest
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
+from parameter_identification import many_drives
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.kept import keep, load_kept, measured_in
 from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
+from parameter_identification.estimation.shares import Setting
 from parameter_identification.identification import identify
-from parameter_identification.many_drives import identify_many
+from parameter_identification.many_drives import VehicleFit, drop_untold, each, identify_many
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 
@@ -139,6 +147,21 @@ def test_a_bag_that_was_read_is_not_read_again(bags, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_drives_are_named_by_the_bags_that_are_given(bags, tmp_path, monkeypatch):
+    work = tmp_path / "work"
+    assert identify_many(bags[:1], VEHICLE, folder=work).drives[0].name == bags[0].name
+    for vehicle, bag in zip("ab", bags, strict=False):
+        shutil.copytree(bag, tmp_path / vehicle / "renamed")
+    given = [tmp_path / "a" / "renamed", tmp_path / "b" / "renamed"]
+    (alone,) = identify_many(given[:1], VEHICLE, folder=work).drives
+    assert alone.name == "renamed"
+    monkeypatch.chdir(tmp_path)
+    for both in (given, [bag.relative_to(tmp_path) for bag in given]):
+        named = [drive.name for drive in identify_many(both, VEHICLE, folder=work).drives]
+        assert named == ["a/renamed", "b/renamed"]
+
+
+@pytest.mark.slow
 def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path):
     rng = np.random.default_rng(0)
     apart = [TRUTH * (1.0 + 0.03 * rng.standard_normal(len(TRUTH))) for _ in range(20)]
@@ -223,6 +246,27 @@ def test_a_bad_bag_is_named_and_left_out_only_when_asked(bags, tmp_path):
         identify_many([broken], VEHICLE, folder=tmp_path / "work", leave_out=True)
 
 
+def test_a_drive_without_what_moves_as_measured_is_named_by_its_bag_or_left_out(
+    bags, tmp_path, monkeypatch
+):
+    drive = read_measured_drive(bags[0], VEHICLE)
+    silent = {s: v for s, v in drive.signals.items() if s is not Sensor.WHEEL_SPEED}
+    for i, bag in enumerate(bags[:3]):
+        keep(dataclasses.replace(drive, signals=silent) if i == 1 else drive, tmp_path / bag.name)
+    files = {bag: tmp_path / bag.name for bag in bags[:3]}
+    setting = Setting(VEHICLE, (), {}, {}, frozenset({Input.SPEED}))
+    fit = VehicleFit(list(files.values()), setting, None, np.arange(3.0), TRUTH)
+    monkeypatch.setattr(many_drives, "read_bags", lambda *_, **__: (files, []))
+    monkeypatch.setattr(many_drives, "begin", lambda *_: [dataclasses.replace(fit)])
+    reason = f"{bags[1]}: does not tell throughout the speed"
+    with pytest.raises(IdentificationError, match=re.escape(reason)):
+        identify_many(bags, VEHICLE, folder=tmp_path)
+    (left_out,) = drop_untold([fit], files, None, leave_out=True)
+    assert left_out.startswith(reason)
+    assert fit.files == [files[bags[0]], files[bags[2]]]
+    assert fit.since.tolist() == [0.0, 2.0]
+
+
 def test_a_drive_of_another_plan_is_taken_knowingly(bags, tmp_path, monkeypatch):
     def refuse(drive, vehicle):
         raise IdentificationError(f"{drive.name}: planned for another vehicle")
@@ -239,6 +283,38 @@ def test_a_worker_that_dies_is_told(tmp_path):
         executor.submit(os._exit, 1)
         with pytest.raises(IdentificationError, match="a worker died"):
             identify_many([tmp_path], VEHICLE, folder=tmp_path / "work", executor=executor)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # dask's own
+def test_a_worker_of_dask_that_dies_is_told(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    dask = pytest.importorskip("dask")
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.Client(
+            n_workers=1, threads_per_worker=1, dashboard_address=None, local_directory=str(tmp_path)
+        ) as client,
+        pytest.raises(IdentificationError, match="a worker died"),
+    ):
+        list(each(client.get_executor(), os._exit, [1]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [0.0, 2.0])
+def test_ctrl_c_ends_the_workers_without_a_word_of_theirs(bags, tmp_path, seconds):
+    options = "--drive-by-drive", str(tmp_path / "work"), "--workers", "2"
+    with subprocess.Popen(
+        [Path(sys.executable).with_name("tricycle"), "identify", *map(str, bags), *options],
+        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as process:  # fmt: skip
+        while process.poll() is None and not (tmp_path / "work").exists():
+            time.sleep(0.01)
+        time.sleep(seconds)  # 0: while the workers start
+        os.killpg(process.pid, SIGINT)
+        said, _ = process.communicate(timeout=20.0)  # until the last one that could say something
+    assert "Traceback" not in said
+    assert process.returncode == 130
 
 
 def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):

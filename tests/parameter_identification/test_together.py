@@ -6,6 +6,7 @@ from scipy.stats import binom
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
+from parameter_identification import many_drives
 from parameter_identification.drives.kept import keep, load_kept
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
@@ -13,6 +14,7 @@ from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.many_drives import Sum, Variables, VehicleFit, begin, descend
 from parameter_identification.together import Alone, Together
+from tricycle_core.errors import IdentificationError
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
 K, SHARED = 6, [1, 3]  # camber stiffness and yaw inertia
@@ -35,6 +37,14 @@ def fits(tmp_path):
     found = begin(files, VEHICLE, (), None, 0, None)
     descend(found, None)
     return found
+
+
+@pytest.mark.slow
+def test_the_vehicle_that_has_no_minimum_is_named(fits, monkeypatch):
+    fits[1].at = fits[1].at + 0.2
+    monkeypatch.setattr(many_drives, "PASSES", 1)
+    with pytest.raises(IdentificationError, match=r"^b: no minimum after 1 passes"):
+        descend(fits, None, "abcd")
 
 
 class Dense:

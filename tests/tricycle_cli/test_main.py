@@ -78,9 +78,16 @@ def test_a_mistake_is_one_line_and_status_2(line, message, capsys):
     assert "Traceback" not in errors
 
 
-def test_ctrl_c_in_compiled_code_is_an_interruption(monkeypatch, capsys):
+@pytest.mark.parametrize(
+    "error",
+    [
+        SystemError("returned a result with an exception set"),
+        RuntimeError("Error calling __set_name__ on 'partialmethod' instance"),  # Python 3.11
+    ],
+)
+def test_ctrl_c_in_compiled_code_is_an_interruption(monkeypatch, capsys, error):
     def interrupted(_arguments):
-        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+        raise error from KeyboardInterrupt()
 
     monkeypatch.setattr("tricycle_cli.commands.judge.run", interrupted)
     assert main(["judge", "bag"]) == 130

@@ -9,6 +9,7 @@ A parameter that changes has a level and a rate in each vehicle, linear in time,
 population: the rates first, and with what it tells of every rate the levels at one time.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -27,8 +28,10 @@ from parameter_identification.many_drives import (
     ManyDrives,
     begin,
     descend,
+    drop_untold,
     read_bags,
     result_of,
+    some_of,
 )
 from parameter_identification.together import Together
 from tricycle_core.errors import IdentificationError
@@ -37,6 +40,7 @@ from tricycle_sim.effects import effects_of
 from tricycle_sim.vehicle import Vehicle
 
 DAY = 86400.0  # s
+APART = 3600.0  # s, between a vehicle's first and last drive, from which a change can be told
 MOST_POINTS = 24  # of a vehicle's estimates over time
 
 
@@ -58,6 +62,8 @@ class Fleet:
         By parameter that is the same in all vehicles.
     own : tuple of str
         Parameters of which vehicles are not compared.
+    beyond : mapping of str to tuple of str
+        By vehicle that is not compared: the parameters that its drives pull beyond their ranges.
     when : float
         Middle of the times of all drives [s since 1970]; NaN where one is not known.
     left_out : tuple of str
@@ -71,6 +77,7 @@ class Fleet:
     changes: Mapping[str, Population]
     shared: Mapping[str, Estimate]
     own: tuple[str, ...]
+    beyond: Mapping[str, tuple[str, ...]]
     when: float
     left_out: tuple[str, ...]
     level: float
@@ -132,7 +139,8 @@ def identify_fleet(
         Parameters of which nothing is concluded from one vehicle to another. Those that are neither
         are drawn from a population.
     changing : sequence of str, optional
-        Of those drawn from a population: those that change linearly in time.
+        Of those drawn from a population: those that change linearly in time. Of at least `FEWEST`
+        vehicles the first and the last drive are `APART`.
     effects : sequence of str, optional
         Of `EFFECTS`: estimated beside the parameters of each vehicle. All act.
     executor : concurrent.futures.Executor, optional
@@ -154,7 +162,7 @@ def identify_fleet(
     ------
     IdentificationError
         If there are fewer than `FEWEST` vehicles, a bag cannot be used, or a parameter is not one,
-        or is named twice.
+        or is named twice, or the times of the drives show no change.
     """
     _check_names(vehicle, shared, own, changing)
     if len(bags) < FEWEST:
@@ -188,13 +196,16 @@ def identify_fleet(
     }
     if len(files) < FEWEST:
         raise IdentificationError(
-            f"{len(files)} vehicles with drives that can be used ({', '.join(files)}) are no "
-            f"fleet: {FEWEST} are needed"
+            f"a fleet needs at least {FEWEST} vehicles; with drives that can be used: "
+            f"{', '.join(files) or 'none'}{some_of(left_out)}"
         )
-    when, unit = _times([beginning_of(file) for drives in files.values() for file in drives])
-    if changing and not unit > 0.0:
+    times = {name: [beginning_of(file) for file in drives] for name, drives in files.items()}
+    when, unit = _times([time for own in times.values() for time in own])
+    seen = [name for name, own in times.items() if np.ptp(own) >= APART]
+    if changing and (math.isnan(when) or len(seen) < FEWEST):
         raise IdentificationError(
-            f"{', '.join(changing)}: no change is seen where drives have no times that differ"
+            f"{', '.join(changing)}: needs drives at different times, by {APART / 60.0:.0f} min or "
+            f"more, of at least {FEWEST} vehicles; so are those of: {', '.join(seen) or 'none'}"
         )
     fits = begin(
         list(files.values()),
@@ -207,7 +218,8 @@ def identify_fleet(
         since=lambda time: (time - when) / unit,
         progress=lambda done, count: tell(steps - count + done),
     )
-    descend(fits, executor)
+    left_out += drop_untold(fits, known, executor, leave_out=leave_out)
+    descend(fits, executor, list(files))
     names = list(vehicle.unknown)
     together = Together(fits, sorted(names.index(name) for name in shared))
     together.descend(executor)
@@ -215,8 +227,9 @@ def identify_fleet(
     alike = found.shared(level)
     vehicles = {}
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
-        one = result_of(fit, (), level, covariance=found.covariance(i))
+        one = result_of(fit, known, (), level, seed, covariance=found.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
+    beyond = {name: pulled for i, name in enumerate(files) if (pulled := found.pulled(i, level))}
     populations, changes = {}, {}
     for i, parameter in enumerate(names):
         if parameter in shared or parameter in own:
@@ -234,7 +247,9 @@ def identify_fleet(
             changes[parameter] = parts.population(showing, 1, (0.0, per_day), level)
             parts = parts.with_rates(changes[parameter], per_day, level)
         populations[parameter] = parts.population(showing, 0, (low, high - low), level)
-    return Fleet(vehicles, populations, changes, alike, tuple(own), when, tuple(left_out), level)
+    return Fleet(
+        *(vehicles, populations, changes, alike, tuple(own), beyond, when, tuple(left_out), level)
+    )
 
 
 def _check_names(

@@ -5,7 +5,7 @@ Its keys are the names of the fields below. Files of older versions may lack tho
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from parameter_identification.estimation.results import (
     Identification,
     NuisanceEstimate,
     Profile,
+    correlation_of,
 )
 from parameter_identification.many_drives import ManyDrives
 from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
@@ -183,7 +184,7 @@ class IdentificationDocument:
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
     scatter : float or None
-        As in `Identification`; None for one drive.
+        As in `Identification`; None where it is not known.
     missed : float
         As in `Identification`.
     measured : tuple of str
@@ -192,6 +193,8 @@ class IdentificationDocument:
         Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
     others : mapping of str to ParameterEntry
         Parameters that were not asked for, but estimated.
+    left_out : tuple of str
+        Bags that were not used, with the reason.
     """
 
     vehicle: str = ""
@@ -219,6 +222,7 @@ class IdentificationDocument:
     measured: tuple[str, ...] = ()
     friction_used: float | None = None
     others: Mapping[str, ParameterEntry] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
@@ -285,7 +289,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         effects=found.effects,
         scatter=_known(found.scatter),
         missed=found.missed,
-        measured=tuple(one.value for one in Input if one in found.measured),
+        measured=_names(found.measured),
         friction_used=_known(found.friction_used),
     )
 
@@ -306,8 +310,14 @@ def document_of_many(found: ManyDrives) -> IdentificationDocument:
         parameters=_entries(found.parameters, found.truth),
         others=_entries(found.others, found.truth),
         covariance=found.covariance,
+        correlation=correlation_of(found.covariance),
+        fixed=found.fixed,
         white=found.white,
+        seed=found.seed,
         effects=found.effects,
+        scatter=_known(found.scatter),
+        measured=_names(found.measured),
+        left_out=found.left_out,
     )
 
 
@@ -315,6 +325,10 @@ def _entries(
     estimates: Mapping[str, Estimate], truth: Mapping[str, float]
 ) -> dict[str, ParameterEntry]:
     return {name: ParameterEntry(**vars(e), truth=truth.get(name)) for name, e in estimates.items()}
+
+
+def _names(inputs: Collection[Input]) -> tuple[str, ...]:
+    return tuple(one.value for one in Input if one in inputs)
 
 
 def _known(value: float) -> float | None:

@@ -36,7 +36,7 @@ from parameter_identification.drives.kept import (
     measured_in,
     positions_key,
 )
-from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.drives.measured import Input, MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
 from parameter_identification.estimation.doubt import (
@@ -54,7 +54,13 @@ from parameter_identification.estimation.results import (
     common_truth,
     estimate_of,
 )
-from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
+from parameter_identification.estimation.shares import (
+    DriveShare,
+    Setting,
+    first_fit,
+    share_of,
+    untold,
+)
 from parameter_identification.estimation.weighing import CERTAIN, Mixture
 from parameter_identification.estimation.weighing import mixture as mixture_of
 from parameter_identification.estimation.whiteness import SIGNIFICANCE
@@ -68,6 +74,8 @@ TOGETHER = 4  # drives of one task of the executor
 PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
 RATE = 0.5  # standard deviation of a rate's prior, in ranges per unit of time
+
+NAMED = 3  # bags left out in a message
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -100,6 +108,12 @@ class ManyDrives:
         What all drives have in common beside the parameters; of deviations their sizes.
     others : mapping of str to Estimate
         Parameters that were not asked for, but estimated.
+    fixed : mapping of str to float
+        Parameters that were held at their nominal values: no interval counts an error in them.
+    measured : frozenset of Input
+        What moved as measured, not as the commands say.
+    seed : int
+        Of the starts.
     """
 
     parameters: Mapping[str, Estimate]
@@ -113,6 +127,9 @@ class ManyDrives:
     level: float
     effects: tuple[EffectEstimate, ...] = ()
     others: Mapping[str, Estimate] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    measured: frozenset[Input] = frozenset()
+    seed: int = 0
 
     def only(self, names: Collection[str]) -> Self:
         """Return the result for some of the parameters, the rest of which are its `others`.
@@ -314,7 +331,9 @@ def _summed(
     return Sum(point, cost, pull + slopes.sum(axis=0), information, slopes, tuple(shares))
 
 
-def descend(fits: Sequence[VehicleFit], executor: Executor | None) -> None:
+def descend(
+    fits: Sequence[VehicleFit], executor: Executor | None, names: Sequence[str] = ()
+) -> None:
     """Bring each vehicle to the best fit of its drives, all in the same passes.
 
     Parameters
@@ -323,6 +342,8 @@ def descend(fits: Sequence[VehicleFit], executor: Executor | None) -> None:
         The vehicles.
     executor : concurrent.futures.Executor, optional
         Default: this process.
+    names : sequence of str
+        Of the vehicles, for the message.
 
     Raises
     ------
@@ -350,7 +371,8 @@ def descend(fits: Sequence[VehicleFit], executor: Executor | None) -> None:
                 fits[i].at, fits[i].here, lengths[i] = point, there, 1.0
             else:
                 lengths[i] *= 0.3
-    raise IdentificationError(f"no minimum after {PASSES} passes over the drives")
+    whose = f"{', '.join(names[i] for i in lengths)}: " if names else ""
+    raise IdentificationError(f"{whose}no minimum after {PASSES} passes over the drives")
 
 
 def identify_many(
@@ -414,13 +436,26 @@ def identify_many(
         progress=progress, other_vehicle=other_vehicle,
     )  # fmt: skip
     if not files:
-        raise IdentificationError("no drive: nothing to identify from")
-    (fit,) = begin([list(files.values())], vehicle, beside, prior, seed, executor)
-    descend([fit], executor)
+        raise IdentificationError(f"no drive: nothing to identify from{some_of(left_out)}")
+    (fit,) = fits = begin([list(files.values())], vehicle, beside, prior, seed, executor)
+    left_out += drop_untold(fits, files, executor, leave_out=leave_out)
+    descend(fits, executor)
     average = None
     if weighed and fit.setting.shared:
         average = _weigh(fit)
-    return result_of(fit, left_out, level, average=average)
+    return result_of(fit, files, left_out, level, seed, average=average)
+
+
+def some_of(left_out: Sequence[str]) -> str:
+    """Return the first reasons why bags were not used, as the end of a message; empty for none.
+
+    Parameters
+    ----------
+    left_out : sequence of str
+        All of them.
+    """
+    more = "; …" if len(left_out) > NAMED else ""
+    return f". Left out: {'; '.join(left_out[:NAMED])}{more}" if left_out else ""
 
 
 def read_bags(
@@ -552,12 +587,64 @@ def _begin(
     files, vehicle, effects, prior, seed = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
     drives: dict[Path, MeasuredDrive] = {file: load_kept(file) for file in files if file in chosen}
+    # where the servo is of another kind, the other drives are of no use
+    steering = {
+        file: drive for file, drive in drives.items() if Input.STEERING in drive.measured_throughout
+    }
+    drives = steering or drives
     known = set().union(*map(measured_in, drives))
     for file in files:
         if not known >= (more := measured_in(file)):
             drives[file] = load_kept(file)
             known |= more
     return first_fit(list(drives.values()), vehicle, effects, prior, seed)
+
+
+def drop_untold(
+    fits: Sequence[VehicleFit],
+    files: Mapping[Path, Path],
+    executor: Executor | None,
+    *,
+    leave_out: bool,
+) -> list[str]:
+    """Drop drives that do not tell what moves as measured in others of their vehicle; return why.
+
+    Parameters
+    ----------
+    fits : sequence of VehicleFit
+        From `begin`.
+    files : mapping of Path to Path
+        Kept drive of each bag.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    leave_out : bool
+        Whether they are dropped, instead of being an error.
+
+    Raises
+    ------
+    IdentificationError
+        If there is one that is not to be dropped.
+    """
+    bags = {file: bag for bag, file in files.items()}
+    reasons = []
+    needing = [fit for fit in fits if fit.setting.measured]
+    found = each(executor, _untold, [(fit.setting, file) for fit in needing for file in fit.files])
+    for fit in needing:
+        told = []
+        for file, reason in zip(fit.files, itertools.islice(found, len(fit.files)), strict=True):
+            told.append(not reason)
+            if reason:
+                reasons.append(f"{bags[file]}: {reason}")
+        fit.files = list(itertools.compress(fit.files, told))
+        fit.since = fit.since[told]
+    if reasons and not leave_out:
+        raise IdentificationError(reasons[0])
+    return reasons
+
+
+def _untold(job: tuple[Setting, Path]) -> str:
+    setting, file = job
+    return untold(setting, load_kept(file))
 
 
 def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -> Iterator[R]:
@@ -579,7 +666,11 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
     """
     try:
         yield from map(work, jobs) if executor is None else executor.map(work, jobs)
-    except BrokenExecutor as error:
+    except Exception as error:
+        # dask gives a task to other workers first, and then raises an error of its own
+        of_dask = type(error).__module__.startswith("distributed.")
+        if not (of_dask or isinstance(error, BrokenExecutor)):
+            raise
         raise IdentificationError(
             "a worker died; was memory short? The same call goes on with the drives that were read"
         ) from error
@@ -669,10 +760,23 @@ def _weigh(fit: VehicleFit) -> _Average:
     return _Average(mixture, tuple((mixture.weights @ mixture.acting).tolist()))
 
 
+def _names_of(bags: Sequence[Path]) -> list[str]:
+    """Names of bags, with as many of the folders that they are in as tell them apart."""
+    names: list[str] = []
+    for folders in range(1 + max(len(bag.parts) for bag in bags)):
+        first = [max(len(bag.parts) - 1 - folders, 0) for bag in bags]
+        names = ["/".join((*b.parts[i:-1], b.stem)) for b, i in zip(bags, first, strict=True)]
+        if len(set(names)) == len(names):
+            break
+    return names
+
+
 def result_of(
     fit: VehicleFit,
+    files: Mapping[Path, Path],
     left_out: Sequence[str],
     level: float,
+    seed: int,
     *,
     covariance: FloatArray | None = None,
     average: _Average | None = None,
@@ -683,10 +787,14 @@ def result_of(
     ----------
     fit : VehicleFit
         At the best fit.
+    files : mapping of Path to Path
+        Kept drive of each bag, by which the drives are named: it may be kept of a bag of before.
     left_out : sequence of str
         Bags that were not used, with the reason.
     level : float
         Probability of the intervals.
+    seed : int
+        Of the starts.
     covariance : ndarray of float, shape (n, n), optional
         Of the variables, where other vehicles tell of them too.
     average : _Average, optional
@@ -726,15 +834,20 @@ def result_of(
         for e in setting.effects
         if e.process and e.name in setting.sizes
     ]
+    bags = {file: bag for bag, file in files.items()}
+    names = _names_of([bags[file] for file in fit.files])
+    shares = [replace(s, name=name) for s, name in zip(here.shares, names, strict=True)]
     return ManyDrives(
         estimates,
         covariance[:k, :k] * np.outer(width, width),
         float(growth.max()),
-        here.shares,
+        tuple(shares),
         tuple(left_out),
         common_truth(share.truth for share in here.shares),
         vehicle.name,
         vehicle.fingerprint,
         level,
         tuple(effects),
+        measured=setting.measured,
+        seed=seed,
     )

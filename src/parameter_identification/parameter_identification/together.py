@@ -230,10 +230,26 @@ class Joint:
             found[names[i]] = estimate_of(vehicle, names[i], z, std, ends, shown=shown)
         return found
 
+    def pulled(self, i: int, level: float) -> tuple[str, ...]:
+        """Return which of its own parameters the drives of a vehicle pull beyond their ranges.
+
+        Parameters
+        ----------
+        i : int
+            Number of the vehicle.
+        level : float
+            Probability of the intervals.
+        """
+        fit = self.fits[i]
+        beyond = beyond_of(fit, growth_of(fit, level)[1])
+        names = enumerate(fit.setting.vehicle.unknown)
+        return tuple(name for j, name in names if beyond[j] and j not in self.common)
+
     def without_prior(self, at: Sequence[int], level: float) -> "Alone":
         """What the drives alone tell of variables of each vehicle: a level, and perhaps its rate.
 
-        The prior would otherwise count for every vehicle.
+        The prior would otherwise count for every vehicle. A vehicle that is held at the end of a
+        range shows none of them: what it is held by, its other parameters make up for.
 
         Parameters
         ----------
@@ -251,8 +267,8 @@ class Joint:
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
             narrowed = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
-            growth, for_intervals = growth_of(fit, level)
-            shown.append(bool(narrowed and not beyond_of(fit, for_intervals)[at[0]]))
+            growth, _ = growth_of(fit, level)
+            shown.append(bool(narrowed and not self.pulled(i, level)))
             with_prior = np.linalg.inv(self.alone[i][np.ix_(places, places)])
             covariance = np.linalg.inv(with_prior - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]

@@ -165,9 +165,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         status: int = arguments.run(arguments)
     except BrokenPipeError:  # `tricycle … | head`
         return 0
-    except (KeyboardInterrupt, SystemError) as error:
-        # compiled code that Ctrl-C reaches may end with an error of the interpreter
-        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+    except (KeyboardInterrupt, SystemError, RuntimeError) as error:
+        # where Ctrl-C reaches compiled code, or the making of a class before Python 3.12, the
+        # interpreter's own error may follow from it
+        if not isinstance(error, KeyboardInterrupt) and not isinstance(
+            error.__cause__, KeyboardInterrupt
+        ):
             raise
         print("tricycle: interrupted", file=sys.stderr)
         return 130

@@ -217,6 +217,25 @@ def test_what_is_known_is_not_contradicted(tmp_path, monkeypatch):
         study.tell(other.point, [0], Y[:1])
 
 
+def test_channels_have_the_names_and_the_order_of_the_first_file(tmp_path):
+    study = Study.create(tmp_path / "s", OPERATION, UNKNOWN, "mass", criterion="c", **ARGUMENTS)
+    first, second, third = study.ask()[:3]
+    told = tmp_path / "told.parquet"
+
+    def tell(p, names):
+        y = dict(zip("vpq", f(p.x, p.P)[0].T, strict=True))
+        keys = {"point": [p.point] * len(TIME), "sample": [0] * len(TIME)}
+        parquet.write_table(pa.table(keys | {name: y[name] for name in names}), told)
+        study.tell_parquet(told)
+
+    tell(first, "vpq")
+    for names, named in (("pvq", "p, v, q"), ("vp", "v, p")):
+        with pytest.raises(DesignError, match=f"channels are v, p, q, in this order, not {named}"):
+            tell(second, names)
+    tell(second, "vpq")
+    study.tell(third.point, [0], f(third.x, third.P)[:1])  # without names
+
+
 def test_files_that_are_none(tmp_path):
     path = tmp_path / "told.parquet"
     for content in (b"", b"PAR1", b"PAR1" + b"x" * 100 + b"PAR1"):
@@ -228,6 +247,7 @@ def test_files_that_are_none(tmp_path):
         ({"point": [0], "sample": [0]}, "column of a channel is missing"),
         ({"point": [0.5], "sample": [0], "x": [1.0]}, "point must be whole numbers"),
         ({"point": [0], "sample": [0], "x": ["a"]}, "column x must be numbers"),
+        ({"point": [0], "sample": [0], "__index_level_0__": [1.0]}, "with index=False"),
         ({"point": [0] * 3, "sample": [0, 0, 1], "x": [1.0] * 3}, "same number of time points"),
     ]:
         parquet.write_table(pa.table(columns), path)

@@ -107,11 +107,36 @@ def test_errors_in_common_do_not_count_as_spread():
     assert found.mean.low < 600.0 < found.mean.high
 
 
+@pytest.mark.slow
+def test_the_interval_of_an_odd_vehicle_counts_what_it_shares_with_others():
+    rng, fleets, count = np.random.default_rng(1), 400, 12
+    held = []
+    for _ in range(fleets):
+        true = rng.standard_normal(count)
+        true[0] += 30.0
+        together = rng.normal(1.0, 0.1, count)
+        estimates = true + 0.3 * rng.standard_normal(count) + together * rng.standard_normal()
+        found = population(names(count), estimates, np.full(count, 0.3), together=together[:, None])
+        odd, value = found.members[0], found.members[0].value
+        if odd.odd:
+            assert odd.deviation == pytest.approx(np.hypot(0.3, together[0]))
+            held.append(value.low <= true[0] <= value.high)
+    assert len(held) > 0.9 * fleets
+    assert np.mean(held) > 0.9
+
+
 def test_two_odd_vehicles_do_not_hide_each_other():
     _, estimates, deviations = drawn(np.random.default_rng(6), 10, spread=10.0)
     estimates[[2, 7]] += 600.0
     members = population(names(10), estimates, deviations).members
     assert [m.vehicle for m in members if m.odd] == ["trike 2", "trike 7"]
+
+
+def test_odd_is_called_one_of_at_least_five():
+    for count, odd in ((4, False), (5, True)):
+        estimates = np.append(np.linspace(-1.0, 1.0, count - 1), 1e6)
+        found = population(names(count), estimates, np.full(count, 0.1))
+        assert [m.odd for m in found.members] == [False] * (count - 1) + [odd]
 
 
 def test_three_vehicles_are_no_population():

@@ -38,6 +38,12 @@ def test_a_path_with_the_characters_of_a_pattern_is_a_path(bags, tmp_path):
     assert [bag.name for bag in find_bags("one[1]")] == ["one[1]"]
 
 
+def test_a_bag_without_metadata_is_known_by_its_files_whatever_its_name(bags, tmp_path):
+    (tmp_path / "two/torn[1]").mkdir()
+    (tmp_path / "two/torn[1]/torn[1]_0.mcap").touch()
+    assert [bag.name for bag in find_bags("two/torn*")] == ["torn", "torn[1]"]
+
+
 @pytest.mark.parametrize("pattern", ["two/*.txt", "one/x*", "https://example.org/bags/*"])
 def test_a_pattern_without_bags_is_an_error(bags, pattern):
     with pytest.raises(BagError, match=r"matches no bag|patterns are those of files"):

@@ -50,6 +50,28 @@ def test_a_bag_on_a_web_server_is_read_as_from_here(folder):
         assert there(f"{server.url}/bag/bag_0.mcap") == here(folder)
 
 
+@pytest.mark.parametrize(
+    "key",
+    [
+        *("ETag", "etag", "LastModified", "last_modified", "Last-Modified", "Content-MD5"),
+        *("content_md5", "md5Hash", "generation", "mtime"),
+    ],
+)
+def test_the_state_of_a_file_is_what_any_store_calls_it(key):
+    class Store:
+        def info(self, path):
+            return {"name": path, "size": 10, key: self.told}
+
+    class File:
+        suffix, path, fs = ".mcap", "store/a.mcap", Store()
+
+    Store.told = "before"
+    before = remote.remote_state(File)
+    assert before == remote.remote_state(File)
+    Store.told = "after"
+    assert before != remote.remote_state(File)
+
+
 def test_only_the_chunks_of_wanted_topics_are_fetched(folder):
     with WebServer(folder) as server, BagReader(bag_path(f"{server.url}/bag")) as bag:
         assert len(list(bag.messages([WANTED]))) == 400

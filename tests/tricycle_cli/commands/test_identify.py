@@ -9,7 +9,7 @@ from simulated_drives import TRUTH, VEHICLE, driven, planned
 from excitation_planner.maneuver import Circle
 from parameter_identification import many_drives
 from parameter_identification.drives.imported import recording_of, write_bag
-from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.measured import Input, Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.estimation.results import Estimate
@@ -94,6 +94,33 @@ def test_no_report_of_an_earlier_identification_stays_beside_new_numbers(
     }  # fmt: skip
 
 
+def test_the_file_has_what_drive_by_drive_knows(tricycle, tmp_path, monkeypatch, capsys):
+    estimate = Estimate("", 700.0, 5.0, 690.0, 710.0, (690.0, 710.0), (500.0, 1500.0), True)
+
+    def identified(_bags, vehicle, *, seed, **_):
+        assert list(vehicle.unknown) == ["cornering_stiffness"]
+        return ManyDrives(
+            {"cornering_stiffness": estimate}, np.array([[25.0]]), 1.2, (), ("x: is no bag",), {},
+            vehicle.name, vehicle.fingerprint, 0.95, measured=frozenset({Input.SPEED}), seed=seed,
+        )  # fmt: skip
+
+    monkeypatch.setattr(many_drives, "identify_many", identified)
+    of_one = "--parameters", "cornering-stiffness", "--hold-others", "--seed", 7, "--json"
+    assert tricycle("identify", "bag", "--drive-by-drive", tmp_path, *of_one) == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    held = {n: v for n, v in VEHICLE.nominal.items() if n != "cornering_stiffness"}
+    assert found["fixed"] == held
+    assert found["vehicle_hash"] == VEHICLE.fingerprint
+    expected = {
+        "seed": 7, "scatter": 1.2, "correlation": [[1.0]], "measured": ["speed"],
+        "left_out": ["x: is no bag"],
+    }  # fmt: skip
+    assert {key: found[key] for key in expected} == expected
+    assert "taken as known: " in printed.err
+    assert "the wheels turned as measured" in printed.err
+
+
 @pytest.mark.slow
 def test_drive_by_drive_writes_what_it_found(tricycle, tmp_path, capsys):
     sensors = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -116,5 +143,6 @@ def test_drive_by_drive_writes_what_it_found(tricycle, tmp_path, capsys):
     assert json.loads(printed.out)["parameters"]["cornering_stiffness"]["low"] == stiffness.low
     assert abs(stiffness.estimate - TRUTH[0]) < 4.0 * stiffness.standard_deviation
     assert [effect.name for effect in document.effects] == ["steering zero"]
+    assert [reason.split(":")[0] for reason in document.left_out] == [str(bags[2])]
     found = load_vehicle(tmp_path / "out" / "vehicle.yaml")
     assert found.nominal["cornering_stiffness"] == pytest.approx(stiffness.estimate)

@@ -201,6 +201,6 @@ def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
     )
     (line,) = (line for line in remarks_on_many(vehicle) if "not whole" in line)
     assert line.endswith(": 1 (torn)")
-    fleet = Fleet({"red": vehicle}, {}, {}, {}, (), 0.0, (), 0.95)
+    fleet = Fleet({"red": vehicle}, {}, {}, {}, (), {}, 0.0, (), 0.95)
     (line,) = (line for line in remarks_on_fleet(fleet) if "not whole" in line)
     assert line.endswith(": 1 (red/torn)")

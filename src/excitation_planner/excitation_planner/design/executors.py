@@ -236,6 +236,30 @@ def process_pool(workers: int | None = None) -> Executor:
     return pool
 
 
+@contextmanager
+def processes(workers: int | None = None) -> Iterator[Executor]:
+    """Give processes of this machine that end with the block, at once where Ctrl-C ends it.
+
+    They are those of `process_pool`. For the main thread.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Their number, by default one per core.
+    """
+    # what starts inherits it: a process that Ctrl-C reaches before its first line would say where
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        pool = _pool(workers)
+        pool.submit(int)  # starts them all
+    finally:
+        signal.signal(signal.SIGINT, before)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(kill_workers=True)
+
+
 def _pool(workers: int | None) -> Any:
     from loky import get_reusable_executor  # threads and clusters do without
 

@@ -42,7 +42,12 @@ from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
 from excitation_planner.design.problem import DesignProblem, Outcome, Search
-from excitation_planner.design.trajectories import read_trajectories, write_trajectories
+from excitation_planner.design.trajectories import (
+    channels_of,
+    read_trajectories,
+    unnamed,
+    write_trajectories,
+)
 from tricycle_core.documents import (
     decode,
     encode,
@@ -451,7 +456,11 @@ class Store:
             self._append(new, self._new_reasons(reasons))
 
     def add_trajectories(
-        self, point: int, samples: Sequence[int], outputs: tuple[FloatArray, ...]
+        self,
+        point: int,
+        samples: Sequence[int],
+        outputs: tuple[FloatArray, ...],
+        channels: Sequence[str] | None = None,
     ) -> None:
         """Add trajectories of a point, all or none; refused like those of `add`.
 
@@ -463,6 +472,8 @@ class Store:
             Numbers of the simulations.
         outputs : tuple of ndarray, shape (q, t, c) each
             Trajectories in each maneuver of a set.
+        channels : sequence of str, length c, optional
+            Their names, which are those of all points.
         """
         if self.problem.criterion is Criterion.H:
             raise DesignError(f"{self.path}: criterion h needs a number per sample")
@@ -484,10 +495,11 @@ class Store:
             if not fresh:
                 return
             self._check_shapes(point, outputs)
+            self._check_channels(channels)
             new, parts = [samples[i] for i in fresh], tuple(Y[fresh] for Y in outputs)
             content = b"".join([repr((point, new)).encode(), *(Y.tobytes() for Y in parts)])
             name = f"{hashlib.sha256(content).hexdigest()[:32]}.parquet"
-            write_trajectories(self.path / TRAJECTORIES / name, point, new, parts)
+            write_trajectories(self.path / TRAJECTORIES / name, point, new, parts, channels)
             self._append({(point, sample): name for sample in new}, {})
 
     def _check_asked(self, point: int, sample: int, reasons: Mapping[int, str]) -> None:
@@ -509,6 +521,19 @@ class Store:
             raise DesignError(
                 f"{self.path}: point {point} has trajectories of {', '.join(was)} time points and "
                 f"channels, not {', '.join(now)}"
+            )
+
+    def _check_channels(self, channels: Sequence[str] | None) -> None:
+        """Refuse names in another order than those of the first file; some are told without."""
+        stored = (output for known in self._outputs.values() for output in known.values())
+        first = next((output for output in stored if isinstance(output, str)), None)
+        if channels is None or first is None:
+            return
+        was, now = channels_of(self.path / TRAJECTORIES / first), list(channels)
+        without = unnamed(len(was)) in (was, now)
+        if was != now and (sorted(was) == sorted(now) or not without):
+            raise DesignError(
+                f"{self.path}: channels are {', '.join(was)}, in this order, not {', '.join(now)}"
             )
 
     def _refuse(self, point: int, sample: int, known: float | str) -> None:

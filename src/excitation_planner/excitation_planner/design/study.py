@@ -39,7 +39,7 @@ from excitation_planner.design.store import (
     csv_text,
     read_study_file,
 )
-from excitation_planner.design.trajectories import read_trajectories
+from excitation_planner.design.trajectories import channels_of, read_trajectories
 from excitation_planner.indices.sensitivity import real_outputs
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.documents import write_whole
@@ -287,10 +287,13 @@ class Study:
         try:
             text = read_study_file(path).decode("utf-8-sig")
             reader = csv.DictReader(io.StringIO(text, newline=""))
-            missing = {"point", "sample", "output"} - set(reader.fieldnames or ())
-            if missing:
-                raise DesignError(f"{path}: column {', '.join(sorted(missing))} is missing")
+            needed, columns = ("output", "point", "sample"), list(reader.fieldnames or ())
+            if missing := [name for name in needed if name not in columns]:
+                raise DesignError(f"{path}: column {', '.join(missing)} is missing")
+            if twice := [name for name in needed if columns.count(name) > 1]:
+                raise DesignError(f"{path}: column {', '.join(twice)} is there twice")
             for row in reader:
+                known = reason = ""
                 output = (row["output"] or "").strip()
                 if None in row:
                     raise DesignError(
@@ -299,7 +302,8 @@ class Study:
                     )
                 try:
                     if output.startswith(INFEASIBLE):
-                        reasons[int(row["point"])] = output.removeprefix(INFEASIBLE)
+                        reason = " ".join(output.removeprefix(INFEASIBLE).split())
+                        known = reasons.setdefault(int(row["point"]), reason)
                     elif output:
                         value = float("nan" if output == FAILED else output)
                         results.append((int(row["point"]), int(row["sample"]), value))
@@ -309,6 +313,11 @@ class Study:
                         f"{row['sample']!r} and output {output!r} must be numbers, or the output "
                         f"{FAILED!r} or '{INFEASIBLE}reason'"
                     ) from None
+                if known != reason:
+                    raise DesignError(
+                        f"{path}, line {reader.line_num}: point {row['point']} is infeasible "
+                        f"already: {known}"
+                    )
         except (UnicodeDecodeError, csv.Error) as error:
             raise DesignError(f"{path}: is not a CSV file: {error}") from error
         self._store.add(results, reasons)
@@ -316,11 +325,12 @@ class Study:
     def tell_parquet(self, path: Path) -> None:
         """Take the trajectories in a Parquet file, a row per time point in the order of time.
 
-        Its columns are point, sample, maneuver (of a set, from 0) and the channels. A point is
-        taken whole or not at all.
+        Its columns are point, sample, maneuver (of a set, from 0) and the channels, in the order of
+        other files. A point is taken whole or not at all.
         """
+        channels = channels_of(path)
         for point, (samples, outputs) in read_trajectories(path).items():
-            self._store.add_trajectories(point, samples, outputs)
+            self._store.add_trajectories(point, samples, outputs, channels)
 
     def design(self) -> Design:
         """Return the design; PendingError while simulations are missing."""

@@ -2,12 +2,16 @@
 
 A row per time point, in the order of time, with the columns ``point`` and ``sample`` (whole
 numbers), ``maneuver`` (from 0; may be missing where maneuvers are no sets), and one column per
-channel, whatever its name. A failed simulation has NaN.
+channel, whatever its name, in the same order in all files. A failed simulation has NaN.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +30,19 @@ MAX_VALUES = 100_000_000
 KEYS = ("point", "sample", "maneuver")
 """Columns that are no channels."""
 
+INDEX = re.compile(r"__index_level_\d+__")
+"""Name of a column in which pandas writes the index of a table."""
+
 Told = dict[int, tuple[list[int], tuple[FloatArray, ...]]]
 """By point: samples (q,), and their trajectories (q, t, c) in each maneuver."""
 
 
 def write_trajectories(
-    path: Path, point: int, samples: list[int], outputs: tuple[FloatArray, ...]
+    path: Path,
+    point: int,
+    samples: list[int],
+    outputs: tuple[FloatArray, ...],
+    channels: Sequence[str] | None = None,
 ) -> None:
     """Write trajectories of some samples of a point.
 
@@ -45,6 +56,8 @@ def write_trajectories(
         Numbers of the simulations.
     outputs : tuple of ndarray, shape (q, t, c) each
         Trajectories in each maneuver of a set.
+    channels : sequence of str, length c, optional
+        Names of the channels.
 
     Raises
     ------
@@ -55,11 +68,9 @@ def write_trajectories(
     """
     arrow = optional("pyarrow", "a study of trajectories")
     parquet = optional("pyarrow.parquet", "a study of trajectories")
-    channels = {Y.shape[2] for Y in outputs}
-    if len(channels) > 1:
-        raise DesignError(
-            f"point {point}: maneuvers have {sorted(channels)} channels: not the same"
-        )
+    counts = {Y.shape[2] for Y in outputs}
+    if len(counts) > 1:
+        raise DesignError(f"point {point}: maneuvers have {sorted(counts)} channels: not the same")
     sample = [np.repeat(samples, Y.shape[1]) for Y in outputs]
     columns = {
         "point": np.full(sum(map(len, sample)), point),
@@ -67,7 +78,7 @@ def write_trajectories(
         "maneuver": np.repeat(np.arange(len(outputs)), [len(rows) for rows in sample]),
     }
     values = np.concatenate([Y.reshape(-1, Y.shape[2]) for Y in outputs])
-    columns |= {f"channel{i}": column for i, column in enumerate(values.T)}
+    columns |= dict(zip(channels or unnamed(len(values.T)), values.T, strict=True))
     if len(columns) * len(values) > MAX_VALUES:
         raise DesignError(
             f"point {point}: more than {MAX_VALUES} numbers: tell fewer samples at once"
@@ -78,6 +89,34 @@ def write_trajectories(
     if len(content) > MAX_BYTES:
         raise DesignError(f"point {point}: more than {MAX_BYTES} bytes: tell fewer samples at once")
     write_whole(path, content)
+
+
+def unnamed(count: int) -> list[str]:
+    """Return the names of channels that were told without names.
+
+    Parameters
+    ----------
+    count : int
+        Number of channels.
+    """
+    return [f"channel{i}" for i in range(count)]
+
+
+def channels_of(path: Path) -> list[str]:
+    """Return the names of the channels in a file, in their order.
+
+    Parameters
+    ----------
+    path : Path
+        Parquet file.
+
+    Raises
+    ------
+    DesignError, ReportError
+        As of `read_trajectories`.
+    """
+    with _opened(path) as file:
+        return [name for name in file.schema_arrow.names if name not in KEYS]
 
 
 def read_trajectories(path: Path) -> Told:
@@ -122,19 +161,14 @@ def read_trajectories(path: Path) -> Told:
 
 
 def _columns(path: Path) -> dict[str, NDArray[np.generic]]:
-    arrow = optional("pyarrow", "a study of trajectories")
-    parquet = optional("pyarrow.parquet", "a study of trajectories")
-    content = read_bounded(path, MAX_BYTES, "a file of trajectories", DesignError)
-    try:
-        file = parquet.ParquetFile(arrow.BufferReader(content))
+    with _opened(path) as file:
         if file.metadata.num_rows * file.metadata.num_columns > MAX_VALUES:
             raise DesignError(f"{path}: more than {MAX_VALUES} numbers")
         table = file.read()
-    except arrow.ArrowException as error:
-        first = str(error).partition("\n")[0]
-        raise DesignError(f"{path}: is not a Parquet file: {first}") from error
-    except OSError as error:
-        raise DesignError(f"{path}: is not a Parquet file: {error}") from error
+    if index := [name for name in table.column_names if INDEX.fullmatch(name)]:
+        raise DesignError(
+            f"{path}: column {index[0]} is an index of pandas: write it with index=False"
+        )
     if len(set(table.column_names)) < len(table.column_names):
         raise DesignError(f"{path}: a column is there twice: {', '.join(table.column_names)}")
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
@@ -142,6 +176,21 @@ def _columns(path: Path) -> dict[str, NDArray[np.generic]]:
         if column.dtype.kind not in "iuf":
             raise DesignError(f"{path}: column {name} must be numbers")
     return columns
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A file of pyarrow; what is wrong with it is said as of the path."""
+    arrow = optional("pyarrow", "a study of trajectories")
+    parquet = optional("pyarrow.parquet", "a study of trajectories")
+    content = read_bounded(path, MAX_BYTES, "a file of trajectories", DesignError)
+    try:
+        yield parquet.ParquetFile(arrow.BufferReader(content))
+    except arrow.ArrowException as error:
+        first = str(error).partition("\n")[0]
+        raise DesignError(f"{path}: is not a Parquet file: {first}") from error
+    except OSError as error:
+        raise DesignError(f"{path}: is not a Parquet file: {error}") from error
 
 
 def _whole(path: Path, name: str, column: NDArray[np.generic]) -> NDArray[np.int64]:

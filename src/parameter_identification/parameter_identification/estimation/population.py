@@ -58,7 +58,7 @@ class Member:
     own : float
         Estimate from its drives alone.
     deviation : float
-        Standard deviation of that estimate.
+        Standard deviation of that estimate, errors in common included.
     value : Interval
         Of its parameter, from its own drives and from the population; of an odd one from its own.
     distance : float
@@ -134,9 +134,10 @@ def population(
     common = given.population(~odd)
     ends = 0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level
     share = np.cumsum(common.weights)
+    whole = np.hypot(deviations, np.linalg.norm(columns[:, 1:], axis=1))
     members = []
     for i, vehicle in enumerate(vehicles):
-        own = [estimates[i] + ndtri(p) * deviations[i] for p in ends]
+        own = [estimates[i] + ndtri(p) * whole[i] for p in ends]
         if not odd[i]:
             kept = given.spreads**2 / (given.spreads**2 + deviations[i] ** 2)  # of its own estimate
             of_common = -kept[:, None] * columns[i]
@@ -148,7 +149,7 @@ def population(
             Member(
                 vehicle,
                 float(estimates[i]),
-                float(deviations[i]),
+                float(whole[i]),
                 Interval(*map(float, own)),
                 float(distances[i]),
                 bool(odd[i]),

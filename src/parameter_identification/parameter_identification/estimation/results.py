@@ -339,6 +339,19 @@ def asked_for(
     }
 
 
+def correlation_of(covariance: FloatArray) -> FloatArray:
+    """Return the correlation matrix (k, k) of estimates.
+
+    Parameters
+    ----------
+    covariance : ndarray of float, shape (k, k)
+        Of them.
+    """
+    std = np.sqrt(np.diag(covariance))
+    correlation: FloatArray = covariance / np.outer(std, std)
+    return correlation
+
+
 @dataclass(frozen=True, eq=False)
 class Identification:
     """Estimates of the k parameters with their uncertainty, and how well they fit the drives.
@@ -525,9 +538,7 @@ class Identification:
     @property
     def correlation(self) -> FloatArray:
         """Correlation matrix (k, k) of the estimates."""
-        std = np.sqrt(np.diag(self.covariance))
-        correlation: FloatArray = self.covariance / np.outer(std, std)
-        return correlation
+        return correlation_of(self.covariance)
 
     @property
     def identifiable(self) -> dict[str, bool]:

@@ -141,6 +141,25 @@ def first_fit(
     return Setting(vehicle, tuple(effects), noise, sizes, measured), best.fit.at[:common]
 
 
+def untold(setting: Setting, drive: MeasuredDrive) -> str:
+    """Return why a drive cannot be looked at; empty where it tells all that is needed.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of its vehicle.
+    drive : MeasuredDrive
+        The drive.
+    """
+    if not (missing := setting.measured - drive.measured_throughout):
+        return ""
+    names = ", the ".join(sorted(one.value for one in missing))
+    return (
+        f"does not tell throughout the {names}, which moves otherwise than servo and speed loop of "
+        "the vehicle file make it move"
+    )
+
+
 def share_of(
     setting: Setting, drive: MeasuredDrive, common: FloatArray, own: FloatArray | None = None
 ) -> DriveShare:
@@ -157,11 +176,8 @@ def share_of(
     own : ndarray of float, shape (q,), optional
         Where the search of its own variables begins. Default: the means of their priors.
     """
-    if lacks := setting.measured - drive.measured_throughout:
-        raise IdentificationError(
-            f"{drive.name}: does not tell throughout the {', the '.join(i.value for i in lacks)}, "
-            "which moves otherwise than servo and speed loop of the vehicle file make it move"
-        )
+    if reason := untold(setting, drive):
+        raise IdentificationError(f"{drive.name}: {reason}")
     model = DriveModel(setting.vehicle, drive, setting.effects, measured=setting.measured)
     k, c = len(model.low), len(common)
     with LeastSquares([model], common[:k], np.zeros((k, k)), Loss.SQUARED) as problem:

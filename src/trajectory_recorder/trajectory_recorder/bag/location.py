@@ -110,7 +110,8 @@ def bag_at(path: Path) -> Path | None:
         Of the folder or file; of others: None.
     """
     if path.is_dir():
-        whole = (path / "metadata.yaml").is_file() or any(path.glob(f"{path.name}_*.mcap"))
+        parts = f"{glob.escape(path.name)}_*.mcap"  # of a recorder that was killed
+        whole = (path / "metadata.yaml").is_file() or any(path.glob(parts))
         return path if whole else None
     if path.suffix in (".mcap", ".db3"):
         return bag_at(path.parent) or path

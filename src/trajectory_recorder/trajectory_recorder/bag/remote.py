@@ -21,8 +21,11 @@ AHEAD = 2**12, 2**22  # least bytes of a request elsewhere: of the first; double
 
 _PASSING = (408, 425, 429)  # statuses of HTTP below 500 that another try may not meet
 
-# as file systems call it; HTTP's in both ways of writing
-_STATE = ("size", "ETag", "LastModified", "Last-Modified", "Content-MD5", "mtime", "created")
+# what tells that a file has changed, as stores call it in lower case, with a "-" for a "_"
+_STATE = (
+    *("name", "size", "etag", "last-modified", "lastmodified", "mtime", "created"),
+    *("content-md5", "md5hash", "md5-hash", "generation", "digest"),
+)
 
 T = TypeVar("T")
 
@@ -162,8 +165,8 @@ def remote_state(path: Path) -> list[tuple[str, ...]]:
     """
 
     def state(file: Any) -> tuple[str, ...]:
-        told = file.fs.info(file.path)
-        return tuple(f"{key}={told[key]}" for key in ("name", *_STATE) if key in told)
+        told = {key.lower().replace("_", "-"): v for key, v in file.fs.info(file.path).items()}
+        return tuple(f"{key}={told[key]}" for key in _STATE if key in told)
 
     return [patiently(file, partial(state, file)) for file in remote_files(path)[1]]
 

@@ -8,8 +8,9 @@ import math
 import tempfile
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tricycle_cli.arguments import (
     BAG_HELP,
@@ -28,9 +29,11 @@ from tricycle_core.errors import BagError, naming
 from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
     from parameter_identification.fleet import Fleet
+
+T = TypeVar("T")
 
 TABLE_WIDTH = 100  # characters; folded numbers cannot be read
 
@@ -132,10 +135,9 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+    from excitation_planner.design.executors import processes
     from parameter_identification.fleet import identify_fleet
+    from parameter_identification.many_drives import some_of
     from trajectory_recorder.bag.location import find_bags
     from tricycle_cli.reports.fleet_page import FILES, save_fleet
     from tricycle_cli.reports.remarks import remarks_on_fleet
@@ -150,18 +152,19 @@ def run(args: argparse.Namespace) -> int:
         check_output_files((args.output / name for name in FILES), args)
     named = dict.fromkeys(bag for text in args.bags for bag in find_bags(text))
     left_out: list[str] = []
+    unusable = left_out if args.leave_out else None
     if args.vehicles is None:
-        bags = _by_folder(named)
+        bags = _by_folder(named, unusable)
     else:
-        bags = _by_entry(named, args.vehicles, left_out if args.leave_out else None)
+        bags = _by_entry(named, args.vehicles, unusable)
+    if not bags:
+        raise BagError(f"no bag can be used{some_of(left_out)}")
     with ExitStack() as stack:
         keep = args.keep or (args.output and args.output / "drives")
         folder = keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        executor = stack.enter_context(
-            ProcessPoolExecutor(args.workers, mp_context=get_context("spawn"))
-        )
+        executor = stack.enter_context(processes(args.workers))
         fleet = identify_fleet(
-            bags,
+            dict(sorted(bags.items())),
             vehicle,
             folder=folder,
             shared=args.shared,
@@ -207,42 +210,61 @@ def _document(fleet: Fleet) -> dict[str, Any]:
         "own": list(fleet.own),
         "when": fleet.when if math.isfinite(fleet.when) else None,
         "odd": list(fleet.odd),
+        "beyond": encode(dict(fleet.beyond)),
         "left_out": list(fleet.left_out),
     }
 
 
-def _by_folder(bags: Iterable[Path]) -> dict[str, list[Path]]:
-    """Bags by the folder that each is in, in the order of their names."""
-    from trajectory_recorder.bag.location import bag_at, is_remote
-
+def _by_folder(bags: Iterable[Path], left_out: list[str] | None) -> dict[str, list[Path]]:
+    """Bags by the folder that each is in; those that are none are an error, or left out."""
     found: dict[str, list[Path]] = {}
     folders: dict[str, Path] = {}
-    for bag in bags:
-        whole = bag if is_remote(bag) else bag_at(bag) or bag  # of a file of a bag
-        folder = whole.absolute().parent
+    for bag, folder in _named(bags, _folder, left_out):
         if (other := folders.setdefault(folder.name, folder)) != folder:
             raise BagError(
                 f"{other} and {folder}: two folders of bags have one name, which is that of the "
                 "vehicle: rename one, or name vehicles by an entry of the metadata (--vehicles)"
             )
         found.setdefault(folder.name, []).append(bag)
-    return dict(sorted(found.items()))
+    return found
 
 
 def _by_entry(bags: Iterable[Path], key: str, left_out: list[str] | None) -> dict[str, list[Path]]:
     """Bags by an entry of their metadata; those that have none are an error, or left out."""
     found: dict[str, list[Path]] = {}
+    for bag, name in _named(bags, partial(_entry, key), left_out):
+        found.setdefault(name, []).append(bag)
+    return found
+
+
+def _named(
+    bags: Iterable[Path], name: Callable[[Path], T], left_out: list[str] | None
+) -> Iterator[tuple[Path, T]]:
+    """Bags with the name of their vehicle; those without one are an error, or left out."""
     for bag in bags:
         try:
-            found.setdefault(_entry(bag, key), []).append(bag)
+            found = name(bag)
         except (BagError, OSError) as error:
             if left_out is None:
                 raise
             left_out.append(naming(error, bag))
-    return dict(sorted(found.items()))
+        else:
+            yield bag, found
 
 
-def _entry(bag: Path, key: str) -> str:
+def _folder(bag: Path) -> Path:
+    """Folder that a bag is in."""
+    from trajectory_recorder.bag.location import bag_at, is_remote
+    from trajectory_recorder.bag.reader import BagReader
+
+    whole = bag if is_remote(bag) else bag_at(bag)  # of a file of a bag
+    if whole is None:
+        with BagReader(bag):  # says why it is none
+            whole = bag
+    return whole.absolute().parent
+
+
+def _entry(key: str, bag: Path) -> str:
     from trajectory_recorder.bag.reader import BagReader
 
     with BagReader(bag) as reader:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from tricycle_cli.arguments import (
@@ -213,9 +214,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _drive_by_drive(args: argparse.Namespace) -> int:
     """Identify from many bags, print, write."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+    from excitation_planner.design.executors import processes
     from parameter_identification.estimation.unknown import restrict
     from parameter_identification.identification_file import (
         document_of_many,
@@ -240,10 +239,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         check_output_files((args.output / name for name in FILES), args)
     vehicle = load_vehicle(args.vehicle)
     asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
-    with (
-        ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as executor,
-        progress_bar("reading drives") as progress,
-    ):
+    with processes(args.workers) as executor, progress_bar("reading drives") as progress:
         found = identify_many(
             args.drives,
             asked if args.hold_others else vehicle,
@@ -256,6 +252,9 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         ).only(asked.unknown)
+    if args.hold_others:
+        held = {name: v for name, v in vehicle.nominal.items() if name not in asked.unknown}
+        found = replace(found, fixed=held, vehicle_hash=vehicle.fingerprint)
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(parameter_table(found))
     for remark in remarks_on_many(found):

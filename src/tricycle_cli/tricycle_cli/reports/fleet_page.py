@@ -35,7 +35,6 @@ def fleet_page(fleet: Fleet) -> str:
         What `identify_fleet` found.
     """
     first, last = _span(fleet)
-    days = (last - first) / DAY
     sections = [
         Section("Odd vehicles", (_outliers(fleet),)),
         Section("Population", (_populations(fleet), *_figure(fleet))),
@@ -46,9 +45,14 @@ def fleet_page(fleet: Fleet) -> str:
     return html_page(
         f"{len(fleet.vehicles)} vehicles",
         sections,
-        subtitle=f"{fleet.drives} drives in {days:.3g} days, from {_date(first)} to {_date(last)}; "
-        f"{fleet.level:.0%} intervals",
+        subtitle=f"{fleet.drives} drives in {_days(last - first)} days, "
+        f"from {_date(first)} to {_date(last)}; {fleet.level:.0%} intervals",
     )
+
+
+def _days(seconds: float) -> str:
+    days = seconds / DAY
+    return f"{days:.0f}" if days >= 10.0 else f"{days:.3g}"
 
 
 def _date(time: float) -> str:
@@ -77,7 +81,7 @@ def _outliers(fleet: Fleet) -> TableBlock | str:
         unit = "" if units[name] == "1" else units[name]
         rows.append((m.vehicle, what, own, others, unit, f"{m.distance:+.1f} ✗"))
     if not rows:
-        return "None: no vehicle is farther from the others than chance lets expect."
+        return "None: no vehicle that is compared is farther away than chance lets expect."
     headings = (
         "vehicle",
         "parameter",
@@ -151,7 +155,7 @@ def _vehicles(fleet: Fleet) -> TableBlock:
     names = list(_units(fleet))
     span = _span(fleet)
     courses = {v: {p: course(found, p) for p in names} for v, found in fleet.vehicles.items()}
-    usual = [v for v in courses if v not in fleet.odd] or list(courses)
+    usual = [v for v in courses if v not in (*fleet.beyond, *fleet.odd)] or list(courses)
     scales = {p: _scale(fleet, p, [courses[v][p] for v in usual]) for p in names}
     members = {p: {m.vehicle: m for m in found.members} for p, found in fleet.populations.items()}
     changes = {p: {m.vehicle: m for m in found.members} for p, found in fleet.changes.items()}
@@ -170,12 +174,12 @@ def _vehicles(fleet: Fleet) -> TableBlock:
 
 
 def _oddest_first(fleet: Fleet) -> list[str]:
-    odd = list(fleet.odd)
+    first = [*fleet.beyond, *fleet.odd]
     farthest = dict.fromkeys(fleet.vehicles, 0.0)
     for found in (*fleet.populations.values(), *fleet.changes.values()):
         for m in found.members:
             farthest[m.vehicle] = max(farthest[m.vehicle], abs(m.distance))
-    return odd + sorted(set(farthest) - set(odd), key=lambda vehicle: -farthest[vehicle])
+    return first + sorted(set(farthest) - set(first), key=lambda vehicle: -farthest[vehicle])
 
 
 def _value(

@@ -61,16 +61,7 @@ def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
         f"(1σ is {combination.remaining:.0%} of the prior 1σ)"
         for combination in found.hidden
     ]
-    if found.fixed:
-        fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
-        lines.append(f"taken as known: {fixed}. An error in them is in no interval")
-    if Input.STEERING in found.measured:
-        lines.append("the steering moved as measured, not as the file's servo by its commands")
-    if Input.SPEED in found.measured:
-        lines.append(
-            "the wheels turned as measured, not as the file's speed loop by its commands; their "
-            "speed tells nothing else"
-        )
+    lines += _taken_as_known(found)
     lines += _not_asked_for(found)
     ends = {
         name: e
@@ -188,6 +179,22 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:MOST_MEMBERS])}{more}"
 
 
+def _taken_as_known(found: Identification | ManyDrives) -> list[str]:
+    """Parameters that were held, and what moved as measured."""
+    lines = []
+    if found.fixed:
+        fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
+        lines.append(f"taken as known: {fixed}. An error in them is in no interval")
+    if Input.STEERING in found.measured:
+        lines.append("the steering moved as measured, not as the file's servo by its commands")
+    if Input.SPEED in found.measured:
+        lines.append(
+            "the wheels turned as measured, not as the file's speed loop by its commands; their "
+            "speed tells nothing else"
+        )
+    return lines
+
+
 def _not_asked_for(found: Identification | ManyDrives) -> list[str]:
     if not found.others:
         return []
@@ -222,6 +229,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
     """
     hidden = [name for name, e in found.parameters.items() if not e.identifiable]
     lines = [f"not shown by these drives: {', '.join(hidden)}"] if hidden else []
+    lines += _taken_as_known(found)
     lines += _not_asked_for(found)
     if not found.white:
         lines.append(
@@ -254,7 +262,11 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     """
     from parameter_identification.many_drives import few_coloured
 
-    lines = []
+    lines = [
+        f"{name}: its drives pull {', '.join(pulled)} beyond the range: none of its parameters is "
+        "compared. Widen the range in the vehicle file, or it is a vehicle of another kind"
+        for name, pulled in fleet.beyond.items()
+    ]
     for name in fleet.odd:
         where = ", ".join(
             f"{'the change of ' * rate}{parameter} ({m.distance:+.1f} σ)"
