@@ -185,6 +185,17 @@ def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path
 
 
 @pytest.mark.slow
+def test_all_is_in_doubt_where_the_model_is_wrong_and_a_parameter_at_its_end(tmp_path):
+    rng, below = np.random.default_rng(0), TRUTH.copy()
+    below[0] = 0.9 * VEHICLE.unknown["cornering_stiffness"][0]
+    apart = [below * (1.0 + 0.03 * rng.standard_normal(len(TRUTH))) for _ in range(4)]
+    bags = [write(tmp_path / f"drive_{i}", i, truth=truth) for i, truth in enumerate(apart)]
+    found = identify_many(bags, VEHICLE, folder=tmp_path / "work")
+    assert not found.white
+    assert not any(e.identifiable for e in found.parameters.values())
+
+
+@pytest.mark.slow
 def test_a_kept_drive_that_was_damaged_is_read_again(bags, tmp_path):
     first = identify_many(bags[:1], VEHICLE, folder=tmp_path)
     (file,) = tmp_path.iterdir()

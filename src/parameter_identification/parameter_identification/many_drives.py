@@ -40,6 +40,7 @@ from parameter_identification.drives.measured import Input, MeasuredDrive, read_
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
 from parameter_identification.estimation.doubt import (
+    CONTRADICTING,
     beyond_ranges,
     scatter_factors,
     with_prior_variance,
@@ -810,6 +811,11 @@ def result_of(
     width = np.array([high - low for low, high in vehicle.unknown.values()])
     before = np.asarray(np.linalg.inv(fit.variables.information), dtype=np.float64)[:k, :k]
     beyond = beyond_of(fit, factors, average)
+    bounds, drives = fit.variables, here.shares
+    white = few_coloured(sum(not share.white for share in drives), len(drives))
+    if not white or growth[:k].max() > CONTRADICTING:
+        at_an_end = (at <= bounds.low + 1e-9) | (at >= bounds.high - 1e-9)
+        beyond |= at_an_end[:k].any()  # as in `doubt_of`
     by_noise = np.sqrt(np.diag(covariance))
     covariance = with_prior_variance(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))
@@ -840,7 +846,7 @@ def result_of(
     return ManyDrives(
         estimates,
         covariance[:k, :k] * np.outer(width, width),
-        float(growth.max()),
+        float(growth[:k].max()),
         tuple(shares),
         tuple(left_out),
         common_truth(share.truth for share in here.shares),
