@@ -187,7 +187,8 @@ def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path
 @pytest.mark.slow
 def test_all_is_in_doubt_where_the_model_is_wrong_and_a_parameter_at_its_end(tmp_path):
     rng, below = np.random.default_rng(0), TRUTH.copy()
-    below[0] = 0.9 * VEHICLE.unknown["cornering_stiffness"][0]
+    rolling = list(VEHICLE.unknown).index("rolling_coefficient_1")
+    below[rolling] = 0.5 * VEHICLE.unknown["rolling_coefficient_1"][0]
     apart = [below * (1.0 + 0.03 * rng.standard_normal(len(TRUTH))) for _ in range(4)]
     bags = [write(tmp_path / f"drive_{i}", i, truth=truth) for i, truth in enumerate(apart)]
     found = identify_many(bags, VEHICLE, folder=tmp_path / "work")
