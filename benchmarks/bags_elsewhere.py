@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from moto.server import ThreadedMotoServer
 
-from parameter_identification.drives.recorded import read_drive
+from parameter_identification.drives.reader import read_drive
 from trajectory_recorder.bag import writer
 from trajectory_recorder.bag.location import bag_path
 from trajectory_recorder.bag.reader import BagReader

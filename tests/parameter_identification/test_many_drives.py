@@ -27,7 +27,9 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.estimation.shares import Setting
 from parameter_identification.identification import identify
-from parameter_identification.many_drives import VehicleFit, drop_untold, each, identify_many
+from parameter_identification.many_drives import identify_many
+from parameter_identification.vehicle_fit import VehicleFit, drop_untold
+from parameter_identification.workers import each
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 
@@ -139,7 +141,7 @@ def test_a_bag_that_was_read_is_not_read_again(bags, tmp_path, monkeypatch):
     def refused(*_, **__):
         raise AssertionError("read again")
 
-    monkeypatch.setattr("parameter_identification.many_drives.read_measured_drive", refused)
+    monkeypatch.setattr("parameter_identification.many_bags.read_measured_drive", refused)
     again = identify_many(bags, VEHICLE, folder=tmp_path)
     assert [e.estimate for e in again.parameters.values()] == [
         e.estimate for e in first.parameters.values()
@@ -213,7 +215,7 @@ def test_a_full_disk_is_no_bad_bag(bags, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("parameter_identification.many_drives.keep", full)
+    monkeypatch.setattr("parameter_identification.many_bags.keep", full)
     with pytest.raises(OSError, match="No space left"):
         identify_many(bags[:1], VEHICLE, folder=tmp_path, leave_out=True)
 
@@ -283,7 +285,7 @@ def test_a_drive_of_another_plan_is_taken_knowingly(bags, tmp_path, monkeypatch)
     def refuse(drive, vehicle):
         raise IdentificationError(f"{drive.name}: planned for another vehicle")
 
-    monkeypatch.setattr("parameter_identification.many_drives.check_reference", refuse)
+    monkeypatch.setattr("parameter_identification.many_bags.check_reference", refuse)
     kept = tmp_path / "work"
     assert len(identify_many(bags[:1], VEHICLE, folder=kept, other_vehicle=True).drives) == 1
     with pytest.raises(IdentificationError, match="another vehicle"):

@@ -6,14 +6,15 @@ from scipy.stats import binom
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
-from parameter_identification import many_drives
+from parameter_identification import vehicle_fit
 from parameter_identification.drives.kept import keep, load_kept
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
-from parameter_identification.many_drives import Sum, Variables, VehicleFit, begin, descend
+from parameter_identification.many_drives import begin
 from parameter_identification.together import Alone, Together
+from parameter_identification.vehicle_fit import Sum, Variables, VehicleFit, descend
 from tricycle_core.errors import IdentificationError
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -42,7 +43,7 @@ def fits(tmp_path):
 @pytest.mark.slow
 def test_the_vehicle_that_has_no_minimum_is_named(fits, monkeypatch):
     fits[1].at = fits[1].at + 0.2
-    monkeypatch.setattr(many_drives, "PASSES", 1)
+    monkeypatch.setattr(vehicle_fit, "PASSES", 1)
     with pytest.raises(IdentificationError, match=r"^b: no minimum after 1 passes"):
         descend(fits, None, "abcd")
 

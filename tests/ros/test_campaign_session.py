@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from excitation_planner.plan import load_plan
-from parameter_identification.drives.recorded import read_drive
+from parameter_identification.drives.reader import read_drive
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -14,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
-from parameter_identification.drives.recorded import read_drive
+from parameter_identification.drives.reader import read_drive
 from tricycle_bringup.configuration import VEHICLE_CONFIG
 from tricycle_cli.operation.processes import NodeProcesses
 from tricycle_core.errors import JudgeError

@@ -13,7 +13,7 @@ from excitation_planner.maneuver import Circle, with_lead_in
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.drives.measured import Sensor, read_measured_drive
 from parameter_identification.drives.poses import stamp_of
-from parameter_identification.drives.recorded import read_drive, read_way_back
+from parameter_identification.drives.reader import read_drive, read_way_back
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.rotations import yaw_of

@@ -24,16 +24,10 @@ from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
-from parameter_identification.many_drives import (
-    ManyDrives,
-    begin,
-    descend,
-    drop_untold,
-    read_bags,
-    result_of,
-    some_of,
-)
+from parameter_identification.many_bags import read_bags, some_of
+from parameter_identification.many_drives import ManyDrives, begin, result_of
 from parameter_identification.together import Together
+from parameter_identification.vehicle_fit import descend, drop_untold
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.effects import effects_of

@@ -21,7 +21,7 @@ from parameter_identification.estimation.doubt import (
 from parameter_identification.estimation.intervals import half_width, interval
 from parameter_identification.estimation.population import Population, population
 from parameter_identification.estimation.results import Estimate, estimate_of
-from parameter_identification.many_drives import (
+from parameter_identification.vehicle_fit import (
     PASSES,
     TOLERANCE,
     Sum,

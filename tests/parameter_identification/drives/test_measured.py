@@ -21,7 +21,7 @@ from parameter_identification.drives.measured import (
     resolved,
     usable,
 )
-from parameter_identification.drives.recorded import read_drive
+from parameter_identification.drives.reader import read_drive
 from trajectory_recorder.bag.topics import jazzy
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError

@@ -13,7 +13,7 @@ from driven_bags import DATUM, START, TYPES, Scene, header, sideways, stamp, sta
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from parameter_identification.drives.recorded import read_drive
+from parameter_identification.drives.reader import read_drive
 from parameter_identification.judging.judgement import Anchor, TopicNames, judge
 from trajectory_recorder.bag.topics import jazzy
 from tricycle_cli.commands.judge import add_arguments

@@ -18,7 +18,8 @@ import numpy as np
 
 from excitation_planner.design.noise import STANDSTILL
 from parameter_identification.drives.poses import PlanarTrajectory
-from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
+from parameter_identification.drives.reader import read_drive
+from parameter_identification.drives.recorded import RecordedDrive, TopicNames
 from parameter_identification.drives.samples import Samples, common_times
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
 from tricycle_core.joint_trajectory import rows_of

@@ -17,7 +17,8 @@ import numpy as np
 
 from excitation_planner.trajectory_error import POINTS, trajectory_error
 from parameter_identification.drives.poses import Datum, PlanarTrajectory
-from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
+from parameter_identification.drives.reader import read_drive
+from parameter_identification.drives.recorded import RecordedDrive, TopicNames
 from parameter_identification.judging.spline import CubicSpline
 from tricycle_core.errors import JudgeError
 from tricycle_core.quantities import FloatArray

@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from excitation_planner.area.area import Area
-from parameter_identification.drives.recorded import read_drive, read_way_back
+from parameter_identification.drives.reader import read_drive, read_way_back
 from parameter_identification.estimation.intervals import half_width
 from tricycle_cli.campaign.cycle import Campaign, Knowledge
 from tricycle_cli.campaign.request import WAY_BACK

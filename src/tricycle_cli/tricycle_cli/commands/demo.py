@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from excitation_planner.design.noise import SIMULATED
     from parameter_identification.drives.measured import measured_drive
-    from parameter_identification.drives.recorded import read_drive
+    from parameter_identification.drives.reader import read_drive
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive
     from tricycle_cli.operation.session import hidden_truth

@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from excitation_planner.design.executors import processes
     from parameter_identification.fleet import identify_fleet
-    from parameter_identification.many_drives import some_of
+    from parameter_identification.many_bags import some_of
     from trajectory_recorder.bag.location import find_bags
     from tricycle_cli.reports.fleet_page import FILES, save_fleet
     from tricycle_cli.reports.remarks import remarks_on_fleet

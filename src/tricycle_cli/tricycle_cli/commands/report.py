@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from parameter_identification.drives.recorded import read_drive
+    from parameter_identification.drives.reader import read_drive
     from tricycle_cli.reports.identification_files import IDENTIFICATION
     from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import page_of, run_sections

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from excitation_planner.plan import Plan, load_plan
-from parameter_identification.drives.recorded import JointStates, RecordedDrive, read_drive
+from parameter_identification.drives.reader import read_drive
+from parameter_identification.drives.recorded import JointStates, RecordedDrive
 from parameter_identification.identification_file import (
     IdentificationDocument,
     load_identification_file,

@@ -1,0 +1,322 @@
+"""The drives of a vehicle: what they say of its variables at a point, and the search for their fit.
+
+Every pass over the drives goes through an executor. Each drive is reduced to its share
+(`estimation.shares`), and the shares are summed with the prior; the variables of a vehicle are
+those that its drives have in common, and the rates of parameters that change in time.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from parameter_identification.drives.kept import load_kept
+from parameter_identification.estimation.doubt import beyond_ranges, scatter_factors
+from parameter_identification.estimation.quadratic import Quadratic
+from parameter_identification.estimation.shares import DriveShare, Setting, share_of, untold
+from parameter_identification.estimation.weighing import Mixture
+from parameter_identification.workers import each
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+
+TOGETHER = 4  # drives of one task of the executor
+PASSES = 20  # over all drives, at most
+TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
+
+
+@dataclass(frozen=True, eq=False)
+class Variables:
+    """The n variables of a vehicle: the c common ones of its drives, then the rates of some.
+
+    Attributes
+    ----------
+    low, high : ndarray of float, shape (n,)
+        Bounds.
+    mean : ndarray of float, shape (n,)
+        Of the prior.
+    information : ndarray of float, shape (n, n)
+        Of the prior.
+    changing : tuple of int
+        Parameters that have a rate, in the order of the rates.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    mean: FloatArray
+    information: FloatArray
+    changing: tuple[int, ...] = ()
+
+    @property
+    def common(self) -> int:
+        """Number c of variables that a drive has in common with the others."""
+        return len(self.mean) - len(self.changing)
+
+    def of_drive(self, since: float) -> FloatArray:
+        """Return the matrix (c, n) that gives the common variables of a drive.
+
+        Parameters
+        ----------
+        since : float
+            Time of the drive, in units of the rates.
+        """
+        found = np.eye(self.common, len(self.mean))
+        found[list(self.changing), self.common + np.arange(len(self.changing))] = since
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Sum(Quadratic):
+    """What drives and prior say of variables (n,) near a point.
+
+    Attributes
+    ----------
+    slopes : ndarray of float, shape (d, n)
+        The gradient of each drive.
+    shares : tuple of DriveShare
+        Of each drive.
+    """
+
+    slopes: FloatArray
+    shares: tuple[DriveShare, ...]
+
+
+@dataclass(eq=False)
+class VehicleFit:
+    """The drives of one vehicle, and where their best fit is looked for.
+
+    Attributes
+    ----------
+    files : sequence of Path
+        Kept drives.
+    setting : Setting
+        How they are looked at.
+    variables : Variables
+        Of the vehicle.
+    since : ndarray of float, shape (d,)
+        Time of each drive, in units of the rates.
+    at : ndarray of float, shape (n,)
+        The point.
+    here : Sum, optional
+        What the drives say there, or close by.
+    """
+
+    files: Sequence[Path]
+    setting: Setting
+    variables: Variables
+    since: FloatArray
+    at: FloatArray
+    here: Sum | None = field(default=None)
+
+    @property
+    def sum(self) -> Sum:
+        """What the drives said last."""
+        if self.here is None:
+            raise ValueError("the drives were not looked at yet")
+        return self.here
+
+    def trial(self, length: float) -> tuple[FloatArray, float]:
+        """Return the point (n,) of the next step, and by how much it lowers the quadratic cost.
+
+        Parameters
+        ----------
+        length : float
+            Share of the step that is made.
+        """
+        low, high = self.variables.low, self.variables.high
+        step = length * self.sum.step(low, high)
+        return np.clip(self.at + step, low, high), self.sum.decrease(step)
+
+
+def drop_untold(
+    fits: Sequence[VehicleFit],
+    files: Mapping[Path, Path],
+    executor: Executor | None,
+    *,
+    leave_out: bool,
+) -> list[str]:
+    """Drop drives that do not tell what moves as measured in others of their vehicle; return why.
+
+    Parameters
+    ----------
+    fits : sequence of VehicleFit
+        The vehicles.
+    files : mapping of Path to Path
+        Kept drive of each bag.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    leave_out : bool
+        Whether they are dropped, instead of being an error.
+
+    Raises
+    ------
+    IdentificationError
+        If there is one that is not to be dropped.
+    """
+    bags = {file: bag for bag, file in files.items()}
+    reasons = []
+    needing = [fit for fit in fits if fit.setting.measured]
+    found = each(executor, _untold, [(fit.setting, file) for fit in needing for file in fit.files])
+    for fit in needing:
+        told = []
+        for file, reason in zip(fit.files, itertools.islice(found, len(fit.files)), strict=True):
+            told.append(not reason)
+            if reason:
+                reasons.append(f"{bags[file]}: {reason}")
+        fit.files = list(itertools.compress(fit.files, told))
+        fit.since = fit.since[told]
+    if reasons and not leave_out:
+        raise IdentificationError(reasons[0])
+    return reasons
+
+
+def _untold(job: tuple[Setting, Path]) -> str:
+    setting, file = job
+    return untold(setting, load_kept(file))
+
+
+def look(
+    fits: Sequence[VehicleFit], points: Sequence[FloatArray], executor: Executor | None
+) -> list[Sum]:
+    """Return what the drives of vehicles say at points; one pass over all of them.
+
+    Parameters
+    ----------
+    fits : sequence of VehicleFit
+        The vehicles.
+    points : sequence of ndarray of float, shape (n,)
+        Of their variables.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    """
+    jobs, designs = [], []
+    for fit, point in zip(fits, points, strict=True):
+        of_drives = [fit.variables.of_drive(since) for since in fit.since]
+        designs.append(of_drives)
+        c, drives = fit.variables.common, len(fit.files)
+        low, high = fit.variables.low[:c], fit.variables.high[:c]
+        places = [np.clip(design @ point, low, high) for design in of_drives]
+        before: list[FloatArray | None] = [None] * drives
+        if fit.here is not None:
+            before = [share.own for share in fit.here.shares]
+        for first in range(0, drives, TOGETHER):
+            some = slice(first, first + TOGETHER)
+            jobs.append((fit.setting, fit.files[some], places[some], before[some]))
+    shares = itertools.chain.from_iterable(each(executor, _look, jobs))
+    return [
+        _summed(s.variables, point, of_drives, list(itertools.islice(shares, len(s.files))))
+        for s, point, of_drives in zip(fits, points, designs, strict=True)
+    ]
+
+
+def _look(
+    job: tuple[Setting, Sequence[Path], Sequence[FloatArray], Sequence[FloatArray | None]],
+) -> list[DriveShare]:
+    """What each of some drives says at its point; its own variables are searched from the last."""
+    setting, files, places, before = job
+    with threadpool_limits(1, user_api="blas"):
+        return [
+            share_of(setting, load_kept(file), place, own)
+            for file, place, own in zip(files, places, before, strict=True)
+        ]
+
+
+def _summed(
+    variables: Variables,
+    point: FloatArray,
+    of_drives: Sequence[FloatArray],
+    shares: Sequence[DriveShare],
+) -> Sum:
+    """The sum in the order of the drives, so that it is the same on every executor."""
+    off = point - variables.mean
+    pull = variables.information @ off
+    slopes = np.array([d.T @ s.gradient for d, s in zip(of_drives, shares, strict=True)])
+    information = variables.information + sum(
+        d.T @ s.information @ d for d, s in zip(of_drives, shares, strict=True)
+    )
+    cost = float(off @ pull) + sum(share.cost for share in shares)
+    return Sum(point, cost, pull + slopes.sum(axis=0), information, slopes, tuple(shares))
+
+
+def descend(
+    fits: Sequence[VehicleFit], executor: Executor | None, names: Sequence[str] = ()
+) -> None:
+    """Bring each vehicle to the best fit of its drives, all in the same passes.
+
+    Parameters
+    ----------
+    fits : sequence of VehicleFit
+        The vehicles.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    names : sequence of str
+        Of the vehicles, for the message.
+
+    Raises
+    ------
+    IdentificationError
+        If one has no minimum.
+    """
+    found = look(fits, [fit.at for fit in fits], executor)
+    for fit, there in zip(fits, found, strict=True):
+        fit.here = there
+    lengths = dict.fromkeys(range(len(fits)), 1.0)
+    for _ in range(PASSES):
+        trials = {}
+        for i in list(lengths):
+            point, decrease = fits[i].trial(lengths[i])
+            if decrease < TOLERANCE:
+                fits[i].at = point
+                del lengths[i]
+            else:
+                trials[i] = point
+        if not trials:
+            return
+        found = look([fits[i] for i in trials], list(trials.values()), executor)
+        for (i, point), there in zip(trials.items(), found, strict=True):
+            if there.cost < fits[i].sum.cost:
+                fits[i].at, fits[i].here, lengths[i] = point, there, 1.0
+            else:
+                lengths[i] *= 0.3
+    whose = f"{', '.join(names[i] for i in lengths)}: " if names else ""
+    raise IdentificationError(f"{whose}no minimum after {PASSES} passes over the drives")
+
+
+def growth_of(fit: VehicleFit, level: float) -> tuple[FloatArray, FloatArray]:
+    """Return the two factors (n,) of `scatter_factors` for the drives' scatter.
+
+    Parameters
+    ----------
+    fit : VehicleFit
+        At the best fit.
+    level : float
+        Probability of the intervals.
+    """
+    return scatter_factors(fit.sum.covariance(), fit.sum.slopes, fit.variables.information, level)
+
+
+def beyond_of(
+    fit: VehicleFit, factors: FloatArray, average: Mixture | None = None
+) -> NDArray[np.bool_]:
+    """Return which parameters (k,) the drives pull beyond their ranges.
+
+    Parameters
+    ----------
+    fit : VehicleFit
+        At the best fit.
+    factors : ndarray of float, shape (n,)
+        Those of `growth_of` for intervals.
+    average : Mixture, optional
+        Over subsets of the effects.
+    """
+    here, k = fit.sum, len(fit.setting.vehicle.unknown)
+    free, std = here.minimum(), np.sqrt(np.diag(here.covariance()))
+    if average is not None:
+        free, std = average.mean, average.standard_deviations
+    std = factors * std
+    low, high = fit.variables.low, fit.variables.high
+    return beyond_ranges(*(values[:k] for values in (fit.at, free, std, low, high)))

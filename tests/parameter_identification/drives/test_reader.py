@@ -1,0 +1,127 @@
+"""Drives out of bags: read once, with all that judging and identifying need."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways, status, velocities
+
+from parameter_identification.drives.measured import measured_drive, read_measured_drive
+from parameter_identification.drives.reader import read_drive
+from parameter_identification.drives.recorded import TopicNames
+from parameter_identification.judging.judgement import judge, judge_drive
+from tricycle_core.errors import JudgeError
+
+
+@pytest.mark.slow
+def test_after_one_pass_a_drive_is_judged_and_identified_without_its_bag(tmp_path: Path) -> None:
+    bag = SimulatedBag().write(tmp_path / "bag")
+    judgement, measured = judge(bag), read_measured_drive(bag, VEHICLE)
+    drive = read_drive(bag)
+    shutil.rmtree(bag)
+    assert judge_drive(drive).te == judgement.te
+    again = measured_drive(drive, VEHICLE)
+    assert again.signals.keys() == measured.signals.keys()
+    for sensor, signal in again.signals.items():
+        np.testing.assert_array_equal(signal.values, measured.signals[sensor].values)
+
+
+def test_sensors_are_timed_from_the_start_event(tmp_path: Path) -> None:
+    drive = read_drive(SimulatedBag().write(tmp_path / "bag"))
+    assert drive.start == START
+    assert drive.joint_states is not None
+    assert drive.imu is not None
+    assert drive.joint_states.time[0] == pytest.approx(-1.5)
+    angle = drive.joint_states.steering_motor_angle
+    assert angle[0] == 0.0
+    assert np.nanmax(angle) > 0.5  # the circle's
+    assert drive.joint_states.wheel_rate[-1] == pytest.approx(1.0 / VEHICLE.tyre_radius, abs=0.1)
+    assert drive.imu.yaw_rate[-1] == pytest.approx(1.0 / 3.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_sensors_are_left_out_where_they_are_not_wanted_or_not_there(tmp_path: Path) -> None:
+    bag = SimulatedBag(without=("/imu",)).write(tmp_path / "bag")
+    drive = read_drive(bag, sensors=False)
+    assert drive.joint_states is None
+    assert read_drive(bag).imu is None
+    asked = TopicNames(joint_states="arm/joint_states")
+    named = "holds no sensor_msgs/msg/JointState in arm/joint_states; it holds: /joint_states"
+    with pytest.raises(JudgeError, match=named):
+        read_drive(bag, topics=asked)
+
+
+@pytest.mark.slow
+def test_a_drive_that_was_ended_early_ends_there_and_is_not_judged(tmp_path: Path) -> None:
+    bag = SimulatedBag(ended_early=6.0).write(tmp_path / "bag")
+    drive = read_drive(bag)
+    assert drive.ended_early == 6.0
+    assert drive.duration == pytest.approx(6.0, abs=0.1)
+    measured = measured_drive(drive, VEHICLE)
+    whole = SimulatedBag().commands()
+    assert measured.commands.duration == 6.0
+    np.testing.assert_allclose(
+        measured.commands.speed[:-1], whole.speed[: len(measured.commands.speed) - 1]
+    )
+    assert all(signal.time[-1] <= 6.0 for signal in measured.signals.values())
+    with pytest.raises(JudgeError, match=r"ended early, after 6\.00 s"):
+        judge_drive(drive)
+
+
+def test_a_bag_without_the_end_of_its_drive_is_not_whole(tmp_path: Path) -> None:
+    def cut(messages):
+        messages["/maneuver/state"] = messages["/maneuver/state"][:-1]
+
+    assert read_drive(Scene().write(tmp_path / "bag")).complete
+    assert not read_drive(Scene(edit=cut).write(tmp_path / "cut")).complete
+
+
+def test_a_way_back_after_the_drive_may_be_aborted(tmp_path: Path) -> None:
+    def go_back(messages):
+        end, _ = messages["/maneuver/state"][-1]
+        messages["/maneuver/state"] += [
+            (end + 10**8, status("returning", "")),
+            (end + 2 * 10**8, status("aborted", "", reason="stopped by the operator")),
+        ]
+
+    assert read_drive(Scene(edit=go_back).write(tmp_path / "bag")).complete
+
+
+def test_a_second_imu_in_another_namespace_is_left_alone(tmp_path: Path) -> None:
+    ours, other = (imu(START + 10**9, rate) for rate in (0.1, 0.7))
+    scene = Scene(deviation=sideways(0.1))
+    scene.more = {
+        "/imu": ("sensor_msgs/msg/Imu", [(START + 10**9, ours)]),
+        "/camera/imu": ("sensor_msgs/msg/Imu", [(START + 10**9, other)]),
+    }
+    drive = read_drive(scene.write(tmp_path / "bag"))
+    assert drive.imu is not None
+    assert drive.imu.yaw_rate.tolist() == [0.1]
+    scene.more["/arm/imu"] = scene.more.pop("/imu")
+    with pytest.raises(JudgeError, match="/arm/imu and /camera/imu: name the one to use"):
+        read_drive(scene.write(tmp_path / "two"))
+
+
+def test_wheels_may_come_in_messages_of_their_own_and_a_gyro_may_say_that_it_is_none(
+    tmp_path: Path,
+) -> None:
+    times = [START + 10**7 * i for i in range(4)]
+    rates = [("left", 1.0), ("right", 4.0), ("left", 3.0), ("right", 8.0)]
+    states = [
+        (time, velocities(time, {f"{wheel}_wheel_spin_joint": rate}))
+        for time, (wheel, rate) in zip(times, rates, strict=True)
+    ]
+    none = imu(START, 0.0)
+    none.angular_velocity_covariance[0] = -1.0
+    scene = Scene(deviation=sideways(0.1))
+    scene.more = {
+        "/joint_states": ("sensor_msgs/msg/JointState", states),
+        "/imu": ("sensor_msgs/msg/Imu", [(START, none)]),
+    }
+    drive = read_drive(scene.write(tmp_path / "bag"))
+    left, right = drive.wheel_rates["left"], drive.wheel_rates["right"]
+    np.testing.assert_allclose([left.time, left.values], [[0.0, 0.02], [1.0, 3.0]])
+    np.testing.assert_allclose([right.time, right.values], [[0.01, 0.03], [4.0, 8.0]])
+    assert drive.imu is not None
+    assert np.isnan(drive.imu.yaw_rate).all()
