@@ -714,6 +714,21 @@ def test_a_vehicle_that_was_moved_during_the_countdown_is_not_driven(pose_at, re
     assert command == JointCommand(0.1, 0.0)
 
 
+def test_a_vehicle_that_was_moved_off_the_planned_start_is_not_driven():
+    """By less than the tolerance since it was asked to start, by more since the plan."""
+    playback = fenced()
+    playback.countdown = 3.0
+    playback.start(10.0)
+    for k in range(80):
+        t = 10.0 + 0.05 * k
+        y = AT_REST_IN_ODOM.y + 0.045 + 0.045 * min(t - 10.0, 2.0) / 2.0
+        playback.observe(replace(AT_REST_IN_ODOM, y=y), t, t)
+        playback.hear(ARMED, t)
+        playback.tick(t)
+    assert playback.state is PlaybackState.ABORTED
+    assert "of the planned start" in playback.reason
+
+
 def test_a_noisy_pose_is_no_motion_during_the_countdown():
     signs = itertools.cycle((1.0, -1.0))
     playback, _ = counted_down(

@@ -528,7 +528,7 @@ class Playback:
             if waited < PREPARATION - 1e-6:
                 self._held = JointCommand(float(schedule.steering_motor_angle[0]), 0.0)
                 return self._held
-            if reason := self.watch.moves() or self._displaced():
+            if reason := self.watch.moves() or self._displaced() or self._off_start():
                 self.abort(reason)
                 return self._held
             # by the poses since the start was asked for: the vehicle may have moved before
@@ -642,6 +642,14 @@ class Playback:
             f"{math.degrees(turn):.1f} deg (at most {START_POSITION_TOLERANCE:g} m and "
             f"{math.degrees(START_HEADING_TOLERANCE):g} deg)"
         )
+
+    def _off_start(self) -> str:
+        """How far the vehicle rests from the planned start; empty within the tolerances."""
+        observed, here = self.watch.observed, self._resting.mean()
+        if self._fence is None or observed is None or here is None:
+            return ""
+        x, y, yaw = here
+        return self._fence.off_start(replace(observed, x=x, y=y, yaw=yaw))
 
     def _astray(self) -> str:
         """How far the vehicle is off the path; empty within the limit."""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 from excitation_planner.area.area import Area, load_area
 from tricycle_core.errors import PlanError
@@ -80,3 +81,11 @@ def test_clearance_counts_outline_and_obstacles() -> None:
     area = Area(square, (np.array([[4.0, 4.0], [6.0, 4.0], [6.0, 6.0], [4.0, 6.0]]),))
     points = np.array([[1.0, 5.0], [3.5, 5.0], [5.0, 5.0], [-2.0, 5.0]])
     np.testing.assert_allclose(area.clearance(points), [1.0, 0.5, -1.0, -2.0])
+
+
+@pytest.mark.parametrize("margin", [0.5, 1.0])
+def test_the_ground_keeps_its_margin_around_corners(margin: float) -> None:
+    post = np.array([[4.0, 4.0], [6.0, 4.0], [6.0, 6.0], [4.0, 6.0]])
+    yard = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+    hole = min(map(shapely.Polygon, Area(yard, (post,)).within(margin)), key=lambda p: p.area)
+    assert shapely.distance(hole.exterior, shapely.Polygon(post)) > 0.998 * margin

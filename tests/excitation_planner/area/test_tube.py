@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 import shapely
 
+from excitation_planner.area import tube as tubes
 from excitation_planner.area.polygons import placed
+from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.area.tube import BEYOND, footprint_of, tube_of
 from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
-from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.batch import CommandedBatch, simulate
 
 
 @pytest.mark.slow
@@ -55,3 +57,25 @@ def _inside(polygon, motion, footprint) -> None:
     footprints = shapely.polygons(placed(footprint, *poses).reshape(-1, len(footprint), 2))
     outside = shapely.area(shapely.difference(footprints, polygon))
     assert outside.max() == 0.0, f"{outside.max()} m^2 outside"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sine-sweep", "slalom", "step-steer"])
+def test_stops_between_the_times_that_are_looked_at_end_inside(name) -> None:
+    """Where the steering is fast, the ends of stops 0.3 s apart are metres apart."""
+    vehicle, family = load_vehicle(), family_by_name(name)
+    low, high = (np.array(end) for end in (family.operation.low, family.operation.high))
+    commands = nominal_run(vehicle, family, 0.5 * (low + high)).commands
+    footprint = footprint_of(vehicle)
+    drawn = tubes._vehicles(vehicle, 0)
+    run = CommandedBatch(vehicle, commands).run(
+        drawn, ("x", "y", "yaw", "vx", "vy", "yaw_rate"), every=2
+    )
+    x, y, yaw, u, v, rate = run.columns.values()
+    speed = np.hypot(u, v)
+    way = np.where(speed > tubes.SLOWEST, longest_stop(speed), 0.0)
+    curvature = rate / np.maximum(speed, tubes.SLOWEST)
+    at_rest = stopping_path(x, y, yaw, np.arctan2(v, u), way, curvature, points=2)
+    corners = placed(footprint, *at_rest)[:, :, -1].reshape(-1, 2)
+    whole = tube_of(vehicle, commands, footprint).whole
+    assert shapely.distance(shapely.points(corners), whole).max() < 0.02

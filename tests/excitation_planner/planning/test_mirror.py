@@ -7,10 +7,12 @@ import shapely
 from excitation_planner.area.area import Area, StartRegion
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import load_plan, save_plan
-from excitation_planner.planning import PlanRequest, plan_at
+from excitation_planner.planning import PlanRequest, plan_at, planned_for
 from excitation_planner.planning.mirror import mirrored
-from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.errors import InfeasibleManeuver, PlanError
+from tricycle_sim.effects import corrected
 from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
 
 pytestmark = pytest.mark.slow
 
@@ -56,3 +58,21 @@ def test_an_image_that_does_not_fit_is_refused(plan):
     area = Area(np.asarray(left.coords)[:-1], start=only_here)
     with pytest.raises(InfeasibleManeuver, match=r"mirrored: needs .* m more room in the area"):
         mirrored(plan_on(area), load_vehicle())
+
+
+def test_a_steering_that_is_steered_back_is_so_in_the_image():
+    file = load_vehicle()
+    found, _ = corrected(file, {"steering zero": 0.035})  # rad
+    request = PlanRequest(found, Circle(duration=6.0), "cornering_stiffness", samples=20)
+    plan = planned_for(plan_at(request, np.array([2.5, 1.0])), file)
+    assert plan.commands.steering_motor_angle[0] == pytest.approx(-0.035, abs=1e-3)
+    image = mirrored(plan, file)
+    driven = simulate(found, image.commands, threads=1)
+    np.testing.assert_allclose(driven.y[0], image.reference.y, atol=0.15)
+    np.testing.assert_allclose(driven.y[0], -plan.reference.y, atol=0.15)
+
+
+def test_a_plan_that_the_file_does_not_explain_has_no_image(plan):
+    askew, _ = corrected(load_vehicle(), {"steering zero": 0.1})
+    with pytest.raises(PlanError, match=r"mirrored: the vehicle file moves up to .* otherwise"):
+        mirrored(plan, askew)

@@ -78,6 +78,18 @@ def test_who_is_far_off_is_stopped():
         drive()
 
 
+def test_who_is_blocked_is_stopped():
+    pursuit, rng = Pursuit((Arc((0.0, 0.0, 0.0), 0.0, 5.0),), Chassis()), np.random.default_rng(0)
+
+    def drive():
+        for tick in range(1000):
+            x, y = 0.002 * rng.standard_normal(2)
+            pursuit.step((x, y, 0.0), 0.01 * tick, rests=True)
+
+    with pytest.raises(PlanError, match=r"driven but has not moved for 5 s"):
+        drive()
+
+
 def test_who_misses_the_start_too_often_gives_up():
     back = WayBack((0.0, 0.0, 0.0), Chassis())
 

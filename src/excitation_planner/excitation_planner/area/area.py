@@ -17,6 +17,7 @@ from tricycle_core.quantities import FloatArray
 
 MAX_BYTES = 1_000_000  # of an area file
 MAX_CORNERS = 2_000  # of all polygons together
+ARC = 16  # chords of a quarter of the arc by which a margin turns around a corner
 FARTHEST = 100_000.0  # from the frame's origin [m]: beyond it metres are degrees by mistake
 
 Span = tuple[float, float]
@@ -144,9 +145,9 @@ class Area:
         import shapely  # only who reads an area needs it
 
         obstacles = [
-            shapely.Polygon(corners).buffer(distance, quad_segs=4) for corners in self.keep_out
+            shapely.Polygon(corners).buffer(distance, quad_segs=ARC) for corners in self.keep_out
         ]
-        ground = shapely.Polygon(self.keep_in).buffer(-distance, quad_segs=4)
+        ground = shapely.Polygon(self.keep_in).buffer(-distance, quad_segs=ARC)
         parts = shapely.get_parts(ground.difference(shapely.unary_union(obstacles)))
         rings = [ring for part in parts if not part.is_empty for ring in rings_of(part)]
         if not rings:

@@ -32,8 +32,11 @@ VEHICLES = 64
 EVERY = 0.2
 """Time between footprints [s]; the hull of two covers the time between."""
 
-STOP_EVERY = 0.3
-"""Time between the points from which a stop is looked at [s]."""
+STOP_EVERY = 0.1
+"""Time between the points from which a stop is looked at [s]; hulls cover the time between."""
+
+ROUGH_EVERY, ROUGH_STOP_EVERY = 0.6, 0.9
+"""The same times of a rough tube, with nothing between."""
 
 CACHED = 100_000
 """Numbers that fit the cache of a processor together."""
@@ -53,8 +56,9 @@ BEYOND = 0.05
 WHEEL_WIDTH = 0.1
 """Of the tyre and what stands out beside it, each side [m]."""
 
-_ANGLES = np.arange(32) * np.pi / 16
-_DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+DIRECTIONS, ROUGH_DIRECTIONS = 64, 32
+"""In which the outermost points make a hull: it lacks a centimetre, that of a rough tube some."""
+
 _TURNS = np.array([-1.0, 0.0, 1.0]) * START_HEADING_TOLERANCE
 
 
@@ -126,8 +130,8 @@ def tube_of(
     footprint : ndarray of float, shape (m, 2)
         Corners in the body frame [m].
     rough : bool
-        Whether a part of the tube is enough that takes a fourth of the time: that of the first
-        `LANES` vehicles, at every third time, with nothing between.
+        Whether a part of the tube is enough that takes less time: that of the first `LANES`
+        vehicles, at `ROUGH_EVERY` and `ROUGH_STOP_EVERY`.
     seed : int
         Of the vehicles drawn.
 
@@ -149,13 +153,14 @@ def tube_of(
         raise InfeasibleManeuver(f"a vehicle of the ranges: {reason}")
 
     def thinned(column: FloatArray, seconds: float) -> FloatArray:
-        step = round((3.0 if rough else 1.0) * seconds / TICK) // every
+        step = round(seconds / TICK) // every
         return np.concatenate([column[:, :-1:step], column[:, -1:]], axis=1)
 
+    each, each_stop = (ROUGH_EVERY, ROUGH_STOP_EVERY) if rough else (EVERY, STOP_EVERY)
     motion = run.columns
-    poses = placed(footprint, *(thinned(motion[name], EVERY) for name in ("x", "y", "yaw")))
-    x, y, yaw, u, v, r = (thinned(column, STOP_EVERY) for column in motion.values())
-    angle = thinned(run.steering_motor_angle[:1], STOP_EVERY)  # the same for all
+    poses = placed(footprint, *(thinned(motion[name], each) for name in ("x", "y", "yaw")))
+    x, y, yaw, u, v, r = (thinned(column, each_stop) for column in motion.values())
+    angle = thinned(run.steering_motor_angle[:1], each_stop)  # the same for all
     speed, slip = np.hypot(u, v), np.arctan2(v, u)
     way = np.where(speed > SLOWEST, longest_stop(speed), 0.0)
     # the curvature of a stop lies between that of the drive and that of a crawl
@@ -169,8 +174,14 @@ def tube_of(
     back = _hulls(behind[np.newaxis, np.newaxis])
     if rough:
         ends = np.concatenate([arc[:, :, part] for arc in arcs for part in (2, -1)], axis=1)
-        return Tube(_hulls(poses), np.append(_hulls(ends), back))
-    stops = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
+        few = ROUGH_DIRECTIONS
+        return Tube(_hulls(poses, directions=few), np.append(_hulls(ends, directions=few), back))
+    first, last = slice(None, -1), slice(1, None)
+    # each is part of four hulls: only its outermost points, as those of one vehicle
+    arcs = [_outermost(_of_all(arc), _directions(DIRECTIONS))[np.newaxis] for arc in arcs]
+    stops = _hulls(
+        *(arc[:, t, part] for arc in arcs for t in (first, last) for part in (first, last))
+    )
     return Tube(_hulls(poses[:, :-1], poses[:, 1:]), np.append(stops, back))
 
 
@@ -205,24 +216,36 @@ def _curvatures(vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
     return angles, np.tan(road_angles(vehicle, angles)) / vehicle.wheelbase
 
 
-def _hulls(*corners: FloatArray) -> NDArray[np.object_]:
+def _hulls(*corners: FloatArray, directions: int = DIRECTIONS) -> NDArray[np.object_]:
     """Convex hulls (...) of the corners (n, ..., m, 2) of all vehicles, with any start heading."""
-    together = np.concatenate([np.moveaxis(c, 0, -2) for c in corners], axis=-2)  # (..., m, n, 2)
-    # the outermost points by direction: a hundredth of them makes the same hull, within millimetres
-    points = _outermost(together.reshape(*together.shape[:-3], -1, 2))
+    outward = _directions(directions)
+    # few points make almost the same hull
+    points = _outermost(np.concatenate([_of_all(c) for c in corners], axis=-2), outward)
     c, s = np.cos(_TURNS)[:, None], np.sin(_TURNS)[:, None]
     x, y = points[..., None, :, 0], points[..., None, :, 1]
     turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)  # about the start
-    hulls = _outermost(turned.reshape(*points.shape[:-2], -1, 2))
+    hulls = _outermost(turned.reshape(*points.shape[:-2], -1, 2), outward)
     return np.asarray(shapely.polygons(hulls))
 
 
-def _outermost(points: FloatArray) -> FloatArray:
-    """Of points (..., n, 2) the farthest in each direction (..., d, 2), counter-clockwise."""
+def _of_all(corners: FloatArray) -> FloatArray:
+    """Corners (n, ..., m, 2) of all vehicles together, (..., n m, 2)."""
+    together = np.moveaxis(corners, 0, -2)
+    return together.reshape(*together.shape[:-3], -1, 2)
+
+
+def _directions(count: int) -> FloatArray:
+    """So many unit vectors (d, 2), counter-clockwise."""
+    angles = np.linspace(0.0, math.tau, count, endpoint=False)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def _outermost(points: FloatArray, directions: FloatArray) -> FloatArray:
+    """Of points (..., n, 2) the farthest in each direction (d, 2): (..., d, 2)."""
     sets = points.reshape(-1, *points.shape[-2:])
-    together = max(1, CACHED // (len(_DIRECTIONS) * sets.shape[1]))
+    together = max(1, CACHED // (len(directions) * sets.shape[1]))
     far = np.concatenate([
-        np.argmax(_DIRECTIONS @ np.swapaxes(sets[first : first + together], 1, 2), axis=2)
+        np.argmax(directions @ np.swapaxes(sets[first : first + together], 1, 2), axis=2)
         for first in range(0, len(sets), together)
     ])  # fmt: skip
     found = np.take_along_axis(sets, far[:, :, None], axis=1)

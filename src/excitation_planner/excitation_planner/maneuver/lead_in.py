@@ -126,13 +126,23 @@ def lead_in_of(commands: Commands, vehicle: Vehicle) -> float:
     return max(0.0, float(commands.time[_first_steered(commands, vehicle)]) - OPEN_LOOP)
 
 
-def _first_steered(commands: Commands, vehicle: Vehicle) -> int:
-    """Row of the first steering; the last one without any."""
+def straight_on(vehicle: Vehicle) -> float:
+    """Return the angle of the steering motor with which a vehicle drives straight on [rad].
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its nominal values.
+    """
     from tricycle_sim.vehicle.kinematics import road_angles  # the help of `plan` needs no numba
 
+    return float(np.interp(0.0, road_angles(vehicle, ANGLES), ANGLES))
+
+
+def _first_steered(commands: Commands, vehicle: Vehicle) -> int:
+    """Row of the first steering; the last one without any."""
     motor = commands.steering_motor_angle
-    straight_on = float(np.interp(0.0, road_angles(vehicle, ANGLES), ANGLES))
-    turned = np.fmin(np.abs(motor), np.abs(motor - straight_on))
+    turned = np.fmin(np.abs(motor), np.abs(motor - straight_on(vehicle)))
     steered = np.flatnonzero(turned > STRAIGHT)
     return int(steered[0]) if len(steered) else len(commands.time) - 1
 

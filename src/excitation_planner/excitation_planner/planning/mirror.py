@@ -5,19 +5,24 @@ from dataclasses import replace
 import numpy as np
 
 from excitation_planner.area.room import Room
+from excitation_planner.maneuver.lead_in import straight_on
 from excitation_planner.plan import Plan, Reference
 from excitation_planner.planning.planner import on_area
-from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
+
+OTHERWISE = 0.5  # m between a plan's reference and what the vehicle does, from which it is another
 
 
 def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:
     """Return a plan with all steering the other way round; what it was chosen by stays.
 
-    The vehicle need not be symmetric: reference and tube are its own. On an area the start pose is
-    searched anew.
+    The other way round is about the angle of the steering motor with which the vehicle drives
+    straight on. Plans that follow a path begin with it; where a campaign steers back what it has
+    found, it is not that of the vehicle file. The vehicle need not be symmetric: reference and tube
+    are its own. On an area the start pose is searched anew.
 
     Parameters
     ----------
@@ -30,9 +35,26 @@ def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:
     ------
     InfeasibleManeuver
         If the vehicle cannot drive it, or it does not fit the area, with the reason.
+    PlanError
+        If the plan's reference is not what the vehicle does.
     """
-    given = plan.commands
-    commands = Commands(given.time, -given.steering_motor_angle, given.speed)
+    given, straight = plan.commands, round(straight_on(vehicle), 6)
+    zero = float(given.steering_motor_angle[0]) or straight
+    turned = given.steering_motor_angle - zero
+
+    def commands_about(angle: float, sense: float) -> Commands:
+        return Commands(given.time, angle + sense * turned, given.speed)
+
+    own = simulate(vehicle, commands_about(straight, 1.0), threads=1)
+    x, y = (
+        np.interp(own.time, plan.reference.time, v) for v in (plan.reference.x, plan.reference.y)
+    )
+    if (off := float(np.hypot(own.x[0] - x, own.y[0] - y).max())) > OTHERWISE:
+        raise PlanError(
+            f"mirrored: the vehicle file moves up to {off:.1f} m otherwise than the plan's "
+            "reference: give the file of the vehicle that was identified"
+        )
+    commands = commands_about(straight, -1.0)
     motion = simulate(vehicle, commands, threads=1)
     if not motion.feasibility.feasible[0]:
         raise InfeasibleManeuver(f"mirrored: {'; '.join(motion.feasibility.reasons(0))}")
@@ -45,7 +67,7 @@ def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:
             raise InfeasibleManeuver(f"mirrored: {error}") from error
     return replace(
         plan,
-        commands=commands,
+        commands=commands_about(zero, -1.0),
         path=plan.path * np.array([1.0, -1.0]),
         reference=Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0]),
         **place,

@@ -43,6 +43,12 @@ SLACK = 1.4
 SETTLING = 0.7
 """Time at rest before and after an arc [s]; poses are averaged over it."""
 
+PROGRESS = 0.05
+"""Way that shows that the vehicle moves [m] ..."""
+
+BLOCKED = 5.0
+"""... and the time without it after which something is in its way [s]."""
+
 FARTHEST_OFF = 0.5
 """Deviation from the route beyond which it is given up [m]."""
 
@@ -130,6 +136,8 @@ class Pursuit:
     _since: float = -math.inf  # of standstill with the wheels turned, or of the drive
     _stepped: float = -math.inf
     _along: float = 0.0  # way on the arc
+    _reached: float = 0.0  # the farthest of it, but for less than `PROGRESS`
+    _progressed: float = -math.inf  # when
 
     def step(self, pose: Pose, now: float, *, rests: bool) -> tuple[float, float]:
         """Return the angle of the steering motor [rad] and the speed [m/s] for now.
@@ -146,7 +154,7 @@ class Pursuit:
         Raises
         ------
         PlanError
-            If the vehicle is too far off its route.
+            If the vehicle is too far off its route, or does not move though it is driven.
         """
         if self._index < 0:
             self._stepped = now
@@ -157,13 +165,17 @@ class Pursuit:
             self.done = settled and self._index == len(self.arcs)
             if self.done or not settled:
                 return self.angle, 0.0
-            self._since = now
+            self._since = self._progressed = now
         arc = self.arcs[self._index]
         sense = math.copysign(1.0, arc.length)
         before = self._along
         aside, turned = self._deviation(arc, sense, pose)
         if abs(aside) > FARTHEST_OFF:
             raise PlanError(f"{abs(aside):.2f} m off the way back (limit {FARTHEST_OFF:g} m)")
+        if self._along > self._reached + PROGRESS:
+            self._reached, self._progressed = self._along, now
+        elif now - self._progressed > BLOCKED:
+            raise PlanError(f"the vehicle is driven but has not moved for {BLOCKED:g} s")
         left = abs(arc.length) - self._along
         if left <= LAG * CREEPING_SPEED:
             self._begin(self._index + 1, now)
@@ -183,7 +195,8 @@ class Pursuit:
 
     def _begin(self, index: int, now: float) -> None:
         """Stand still before an arc."""
-        self._index, self._since, self._along, self.push = index, now, 0.0, 0.0
+        self._index, self._since, self.push = index, now, 0.0
+        self._along = self._reached = 0.0
         self.curvature = self.arcs[index].curvature if index < len(self.arcs) else 0.0
 
     def _turn(self, now: float, rests: bool) -> None:
