@@ -176,12 +176,12 @@ def tube_of(
         ends = np.concatenate([arc[:, :, part] for arc in arcs for part in (2, -1)], axis=1)
         few = ROUGH_DIRECTIONS
         return Tube(_hulls(poses, directions=few), np.append(_hulls(ends, directions=few), back))
-    first, last = slice(None, -1), slice(1, None)
-    # each is part of four hulls: only its outermost points, as those of one vehicle
-    arcs = [_outermost(_of_all(arc), _directions(DIRECTIONS))[np.newaxis] for arc in arcs]
-    stops = _hulls(
-        *(arc[:, t, part] for arc in arcs for t in (first, last) for part in (first, last))
-    )
+    first, last, outward = slice(None, -1), slice(1, None), _directions(DIRECTIONS)
+    arcs = [_outermost(_of_all(arc), outward) for arc in arcs]  # (t, parts, d, 2)
+    ends = np.stack([arc[t, part] for arc in arcs for t in (first, last) for part in (first, last)])
+    # the outermost points of all are among those of each in the same direction
+    farthest = np.argmax(np.sum(ends * outward, axis=-1), axis=0)
+    stops = _hulls(np.take_along_axis(ends, farthest[np.newaxis, ..., np.newaxis], axis=0))
     return Tube(_hulls(poses[:, :-1], poses[:, 1:]), np.append(stops, back))
 
 
