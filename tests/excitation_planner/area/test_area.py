@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from excitation_planner.area.area import Area, load_area
+from excitation_planner.area.area import Area, StartRegion, load_area
 from tricycle_core.errors import PlanError
 
 YARD = "keep_in: [[0, 0], [12, 0], [12, 25], [0, 25]]\n"
@@ -37,6 +37,15 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "start", ["{x: [-5, 1]}", "{x: [-.inf, 1]}", "{x: 1, y: [-5, 1]}", "{x: [0, 12], y: [2, 4]}"]
+)
+def test_a_start_may_be_in_part_outside(tmp_path: Path, start: str) -> None:
+    file = tmp_path / "yard.yaml"
+    file.write_text(f"{YARD}keep_out: [[[2, 2], [8, 2], [8, 8], [2, 8]]]\nstart: {start}\n")
+    assert load_area(file).start != StartRegion()
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "needs keep_in"),
@@ -57,7 +66,14 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
         (YARD + "start: {heading: [0, 90]}", "start.heading: [0, 90] is no part of a turn, in rad"),
         (YARD + "start: {heading: 90}", "start.heading: [90, 90] is no part of a turn, in rad"),
         (YARD + "start: {x: [3, 2]}", "start.x: needs [low, high], not [3, 2]"),
-        (YARD + "start: {x: 13, y: 1}", "start: (13, 1) m is outside of keep_in"),
+        (YARD + "start: {x: 13, y: 1}", "start: x 13, y 1 is outside of keep_in"),
+        (YARD + "start: {x: [40, 45]}", "start: all of x 40 to 45 is outside of keep_in"),
+        (YARD + "start: {x: [-9, -5]}", "start: all of x -9 to -5 is outside of keep_in"),
+        (YARD + "start: {x: 6, y: [26, 30]}", "start: all of x 6, y 26 to 30 is outside of"),
+        (
+            YARD + "keep_out: [[[2, 2], [8, 2], [8, 8], [2, 8]]]\nstart: {x: [2, 8], y: [3, 7]}",
+            "start: all of x 2 to 8, y 3 to 7 is outside of keep_in or in a keep_out",
+        ),
         (YARD + "datum: [200, 11]", "datum: needs [latitude, longitude] in degrees"),
         (YARD + "frame: ''", "frame: needs the name of a frame"),
         (YARD + "frame: [odom]", "frame: needs a text, not a list"),
