@@ -27,6 +27,12 @@ def test_a_whole_file(tmp_path: Path) -> None:
     assert (area.start.x, area.start.y, area.start.heading) == ((6, 6), (3, 20), (-0.1, 0.1))
 
 
+def test_headings_may_go_across_a_whole_turn(tmp_path: Path) -> None:
+    file = tmp_path / "yard.yaml"
+    file.write_text(YARD + "start: {heading: [6.0, 6.5]}\n")
+    assert load_area(file).start.heading == (6.0, 6.5)
+
+
 def test_what_may_be_left_out(tmp_path: Path) -> None:
     file = tmp_path / "yard.yaml"
     file.write_text(YARD)
@@ -64,6 +70,8 @@ def test_a_start_may_be_in_part_outside(tmp_path: Path, start: str) -> None:
         (YARD + "margins: 1", "margins: is no key; there are keep_in, keep_out, margin"),
         (YARD + "start: {theta: 1}", "start.theta: is no key; there are x, y, heading"),
         (YARD + "start: {heading: [0, 90]}", "start.heading: [0, 90] is no part of a turn, in rad"),
+        (YARD + "start: {heading: [45, 50]}", "start.heading: [45, 50] is no part of a turn"),
+        (YARD + "start: {heading: [-90, -85]}", "start.heading: [-90, -85] is no part of a turn"),
         (YARD + "start: {heading: 90}", "start.heading: [90, 90] is no part of a turn, in rad"),
         (YARD + "start: {x: [3, 2]}", "start.x: needs [low, high], not [3, 2]"),
         (YARD + "start: {x: 13, y: 1}", "start: x 13, y 1 is outside of keep_in"),

@@ -45,7 +45,7 @@ class StartRegion:
                 raise PlanError(f"start.{name}: needs [low, high], not [{low:g}, {high:g}]")
         low, high = self.heading
         turn = 2 * math.pi + 1e-9
-        if not (abs(low) <= turn and abs(high) <= turn and high - low <= turn):
+        if not (abs(low) <= turn and high - low <= turn):
             raise PlanError(f"start.heading: [{low:g}, {high:g}] is no part of a turn, in rad")
 
 
