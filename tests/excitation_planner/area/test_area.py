@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from excitation_planner.area.area import Area, load_area
+from excitation_planner.area.area import Area, StartRegion, load_area
 from tricycle_core.errors import PlanError
 
 YARD = "keep_in: [[0, 0], [12, 0], [12, 25], [0, 25]]\n"
@@ -28,6 +28,12 @@ def test_a_whole_file(tmp_path: Path) -> None:
     assert (area.start.x, area.start.y, area.start.heading) == ((6, 6), (3, 20), (-0.1, 0.1))
 
 
+def test_headings_may_go_across_a_whole_turn(tmp_path: Path) -> None:
+    file = tmp_path / "yard.yaml"
+    file.write_text(YARD + "start: {heading: [6.0, 6.5]}\n")
+    assert load_area(file).start.heading == (6.0, 6.5)
+
+
 def test_what_may_be_left_out(tmp_path: Path) -> None:
     file = tmp_path / "yard.yaml"
     file.write_text(YARD)
@@ -35,6 +41,15 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
     assert area.keep_out == ()
     assert area.start.heading == (-math.pi, math.pi)
     assert area.start.x == (-math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    "start", ["{x: [-5, 1]}", "{x: [-.inf, 1]}", "{x: 1, y: [-5, 1]}", "{x: [0, 12], y: [2, 4]}"]
+)
+def test_a_start_may_be_in_part_outside(tmp_path: Path, start: str) -> None:
+    file = tmp_path / "yard.yaml"
+    file.write_text(f"{YARD}keep_out: [[[2, 2], [8, 2], [8, 8], [2, 8]]]\nstart: {start}\n")
+    assert load_area(file).start != StartRegion()
 
 
 @pytest.mark.parametrize(
@@ -56,9 +71,18 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
         (YARD + "margins: 1", "margins: is no key; there are keep_in, keep_out, margin"),
         (YARD + "start: {theta: 1}", "start.theta: is no key; there are x, y, heading"),
         (YARD + "start: {heading: [0, 90]}", "start.heading: [0, 90] is no part of a turn, in rad"),
+        (YARD + "start: {heading: [45, 50]}", "start.heading: [45, 50] is no part of a turn"),
+        (YARD + "start: {heading: [-90, -85]}", "start.heading: [-90, -85] is no part of a turn"),
         (YARD + "start: {heading: 90}", "start.heading: [90, 90] is no part of a turn, in rad"),
         (YARD + "start: {x: [3, 2]}", "start.x: needs [low, high], not [3, 2]"),
-        (YARD + "start: {x: 13, y: 1}", "start: (13, 1) m is outside of keep_in"),
+        (YARD + "start: {x: 13, y: 1}", "start: x 13, y 1 is outside of keep_in"),
+        (YARD + "start: {x: [40, 45]}", "start: all of x 40 to 45 is outside of keep_in"),
+        (YARD + "start: {x: [-9, -5]}", "start: all of x -9 to -5 is outside of keep_in"),
+        (YARD + "start: {x: 6, y: [26, 30]}", "start: all of x 6, y 26 to 30 is outside of"),
+        (
+            YARD + "keep_out: [[[2, 2], [8, 2], [8, 8], [2, 8]]]\nstart: {x: [2, 8], y: [3, 7]}",
+            "start: all of x 2 to 8, y 3 to 7 is outside of keep_in or in a keep_out",
+        ),
         (YARD + "datum: [200, 11]", "datum: needs [latitude, longitude] in degrees"),
         (YARD + "frame: ''", "frame: needs the name of a frame"),
         (YARD + "frame: [odom]", "frame: needs a text, not a list"),

@@ -38,7 +38,7 @@ def request(**changes):
     noise = MeasurementNoise(yaw_rate_std=0.005)
     settings = {"tolerance": 0.05, "budget": 2600, "noise": noise, "true_seed": 3}
     families = (Circle(duration=8.0), DoubleLaneChange())
-    return CampaignRequest(VEHICLE, families, TARGETS, **(settings | changes))
+    return CampaignRequest(VEHICLE, families, **({"targets": TARGETS} | settings | changes))
 
 
 @contextlib.contextmanager
@@ -217,6 +217,46 @@ def test_the_next_plan_counts_on_the_effects_that_were_found(tmp_path):
     assert straight == pytest.approx([0.0, -0.035], abs=0.01)
     for plan in plans:  # the nodes are set up with the file
         check_vehicle(plan, VEHICLE)
+
+
+@pytest.mark.parametrize(
+    ("change", "needed"),
+    [
+        ({}, True),
+        ({"most_drives": 2}, True),
+        ({"tolerance": 0.5}, False),
+        ({"most_drives": 1}, False),
+        ({"targets": TARGETS[:1]}, False),
+    ],
+)
+def test_an_open_plan_is_dropped_if_it_is_not_needed_any_more(change, needed, tmp_path):
+    entry = ParameterEntry(
+        estimate=1000.0, low=800.0, high=1200.0, standard_deviation=100.0, range=(500.0, 1500.0)
+    )
+    found = IdentificationDocument(
+        level=0.95, parameters=dict.fromkeys(TARGETS, entry), covariance=1e4 * np.eye(2)
+    )
+    std = dict.fromkeys(TARGETS, 1.0)
+    steps = (
+        Step(
+            *(TARGETS[0], "plans/01.json", "bags/01", "circle", {}, "id", 8.0, std),
+            driven=True,
+            identification=found,
+        ),
+        Step(TARGETS[1], "plans/02.json", "bags/02", "circle", {}, "id", 8.0, std),
+    )
+    for bag in ("bags/01", "bags/02"):
+        (tmp_path / bag).mkdir(parents=True)
+    (tmp_path / "plans").mkdir()
+    (tmp_path / "plans/02.json").touch()
+    CampaignState(request().settings(), steps).write(tmp_path / "campaign.json")
+    campaign = Campaign(tmp_path, request(**change))
+    assert len(campaign.steps) == (2 if needed else 1)
+    assert len(CampaignState.read(tmp_path / "campaign.json").steps) == len(campaign.steps)
+    assert campaign.finished == (not needed and "targets" not in change)
+    for file in ("plans/02.json", "bags/02"):
+        assert (tmp_path / file).exists() == needed
+    assert (tmp_path / "bags/01").exists()
 
 
 def test_a_second_campaign_stays_out_of_a_folder_until_the_first_has_ended(tmp_path):

@@ -3,13 +3,15 @@
 import dataclasses
 import io
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from excitation_planner.area.area import Area
-from excitation_planner.maneuver import Circle
+from excitation_planner.maneuver import Circle, family_by_name, family_names
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from tricycle_cli.campaign.cycle import Campaign
 from tricycle_cli.campaign.request import CampaignRequest
@@ -97,3 +99,20 @@ def test_every_drive_is_drawn_on_the_yard(campaign, record_drive, tmp_path):
     area = Area(np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]))
     plot_yard(campaign, area, tmp_path / "yard.png")
     assert (tmp_path / "yard.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_family_has_a_colour_on_the_yard(campaign, record_drive, tmp_path, monkeypatch):
+    record_drive(tmp_path / "bags" / "01")
+    another = SimpleNamespace(name="another")  # as packages beside this one may have
+    families = (*map(family_by_name, family_names()), another)
+    campaign.request = dataclasses.replace(campaign.request, families=families)
+    (step,) = campaign.steps
+    campaign.steps = tuple(dataclasses.replace(step, maneuver=f.name) for f in families)
+    figure = Figure()
+    monkeypatch.setattr("tricycle_cli.campaign.results.Figure", lambda **_: figure)
+    area = Area(np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]))
+    plot_yard(campaign, area, tmp_path / "yard.png")
+    lines = figure.axes[0].get_legend().get_lines()
+    colours = {line.get_label(): line.get_color() for line in lines if "from" in line.get_label()}
+    assert len(colours) == len(families)
+    assert len(set(colours.values())) == len(families) - 1  # `another` has the first one's

@@ -1,5 +1,6 @@
 """Sessions: what the simulation drives with. Driving itself: tests/ros/test_drive.py."""
 
+import io
 from types import SimpleNamespace
 
 import pytest
@@ -26,20 +27,12 @@ def test_the_truth_is_drawn_from_its_seed_alone_and_is_nominal_without_one():
 
 
 @pytest.fixture
-def ask(monkeypatch):
+def ask(monkeypatch, capsys):
     """Ask for Enter with these items failing; says what Enter does, once it is not only a look."""
 
     def ask(failing, *, back=False):
         items = {name: DiagnosticEntry(Level.ERROR, "no", 0.0) for name in failing}
-        prompts = []
-
-        def enter(prompt):
-            prompts.append(prompt)
-            if len(prompts) > 1:
-                raise EOFError
-            return ""
-
-        monkeypatch.setattr("builtins.input", enter)
+        monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
         plan = SimpleNamespace(
             maneuver="circle",
             space=(4.0, 5.0, 1.0),
@@ -47,8 +40,13 @@ def ask(monkeypatch):
             start_pose=None,
             commands=SimpleNamespace(duration=8.0),
         )
-        _wait_for_enter(plan, lambda: items, back)
-        return prompts[0]
+        try:
+            _wait_for_enter(plan, lambda: items, back)
+        finally:
+            shown = capsys.readouterr()
+            assert shown.out == ""  # which --json prints one object to
+        assert "circle, 8 s, needs 4 m x 5 m" in shown.err
+        return shown.err.splitlines()[-1]
 
     return ask
 

@@ -46,7 +46,7 @@ class StartRegion:
                 raise PlanError(f"start.{name}: needs [low, high], not [{low:g}, {high:g}]")
         low, high = self.heading
         turn = 2 * math.pi + 1e-9
-        if not (abs(low) <= turn and abs(high) <= turn and high - low <= turn):
+        if not (abs(low) <= turn and high - low <= turn):
             raise PlanError(f"start.heading: [{low:g}, {high:g}] is no part of a turn, in rad")
 
 
@@ -98,13 +98,29 @@ class Area:
             latitude, longitude = self.datum
             if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
                 raise PlanError("datum: needs [latitude, longitude] in degrees")
-        x, y = self.start.x, self.start.y
-        if x[0] == x[1] and y[0] == y[1]:
-            place = np.array([x[0], y[0]])
-            if self.clearance(place) < 0.0:
-                raise PlanError(
-                    f"start: ({x[0]:g}, {y[0]:g}) m is outside of keep_in or in a keep_out"
-                )
+        self._check_start()
+
+    def _check_start(self) -> None:
+        """Refuse a start region of which nothing is on the ground."""
+        import shapely  # only who reads an area needs it
+
+        spans = np.array([self.start.x, self.start.y])
+        limited = [
+            f"{name} {low:g}" if low == high else f"{name} {low:g} to {high:g}"
+            for name, (low, high) in zip("xy", spans, strict=True)
+            if math.isfinite(low) or math.isfinite(high)
+        ]
+        if not limited:
+            return
+        x, y = np.clip(spans, -2.0 * FARTHEST, 2.0 * FARTHEST)
+        region = shapely.MultiPoint([(a, b) for a in x for b in y]).convex_hull  # or line, or point
+        obstacles = shapely.union_all([shapely.Polygon(corners) for corners in self.keep_out])
+        ground = shapely.Polygon(self.keep_in).difference(obstacles)
+        if not region.intersects(ground) or region.touches(ground):
+            whole = "all of " if region.length else ""
+            raise PlanError(
+                f"start: {whole}{', '.join(limited)} is outside of keep_in or in a keep_out"
+            )
 
     def clearance(self, points: FloatArray) -> FloatArray:
         """Return the distance of points to what bounds the area [m], without the margin.

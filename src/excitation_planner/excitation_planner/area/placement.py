@@ -149,7 +149,7 @@ def _limits(area: Area) -> tuple[FloatArray, FloatArray, bool]:
     corners, start = area.keep_in, area.start
     low = np.array([*np.maximum(corners.min(axis=0), [start.x[0], start.y[0]]), start.heading[0]])
     high = np.array([*np.minimum(corners.max(axis=0), [start.x[1], start.y[1]]), start.heading[1]])
-    return low, np.maximum(low, high), bool(np.ptp(start.heading) > 2.0 * np.pi - 1e-6)
+    return low, high, bool(np.ptp(start.heading) > 2.0 * np.pi - 1e-6)
 
 
 def _grid(low: FloatArray, high: FloatArray, around: bool) -> FloatArray:

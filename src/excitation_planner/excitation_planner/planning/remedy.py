@@ -97,7 +97,7 @@ def _larger(
         return math.inf if still is None else still
 
     needed = shortage
-    if area.keep_out:  # the shortage may be that to a keep_out, or of a start inside
+    if area.keep_out:  # the shortage may be that to a keep_out, also at the start
         if lacks(_FAR) > 0.0:
             blamed = "a keep_out is in its way, however large keep_in is"
             return f"{blamed}; {margins} would do" if shortage < margin else blamed

@@ -105,6 +105,7 @@ class Campaign:
         self._lock()
         if self._state.exists():
             self.steps = self._read()
+            self._drop_unneeded()
         else:
             self._keep(())
 
@@ -150,6 +151,20 @@ class Campaign:
     def _keep(self, steps: tuple[Step, ...]) -> None:
         CampaignState(self.request.settings(), steps, self.topics).write(self._state)
         self.steps = steps
+
+    def _drop_unneeded(self) -> None:
+        """Drop a plan that was not driven and is not asked for any more, with what was recorded."""
+        step = self.steps[-1] if self.steps else None
+        if step is None or step.driven or step.identification is not None:
+            return
+        request = self.request
+        within = step.target in request.targets and len(self.steps) <= request.most_drives
+        if within and self.missing():
+            return
+        self._keep(self.steps[:-1])
+        (self.folder / step.plan).unlink(missing_ok=True)
+        if (bag := self.folder / step.bag).exists():
+            shutil.rmtree(bag)
 
     def read_by(self, topics: TopicNames) -> None:
         """Read the bags by these names from now on, also when the campaign is opened again.

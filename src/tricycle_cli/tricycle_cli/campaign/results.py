@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from itertools import zip_longest
+from itertools import cycle, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,9 @@ from tricycle_cli.campaign.cycle import Campaign, Knowledge
 from tricycle_cli.campaign.request import WAY_BACK
 from tricycle_cli.reports.static_figures import draw_borders
 from tricycle_core.documents import replacing
-from tricycle_core.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
+from tricycle_core.palette import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILLION
 
-FAMILIES = (BLUE, GREEN, ORANGE, PURPLE)  # on the yard
+FAMILIES = (BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE)  # on the yard
 
 
 def campaign_report(campaign: Campaign, truth: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -126,7 +126,8 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
     figure = Figure(figsize=(7.2, 8.4), layout="constrained")
     axes = figure.subplots()
     draw_borders(axes, area)
-    families = [family.name for family in campaign.request.families]
+    names = [family.name for family in campaign.request.families]
+    families = dict(zip(names, cycle(FAMILIES), strict=False))
     returned, starts = False, list[tuple[tuple[float, float], list[str]]]()
     near = 0.03 * np.ptp(area.keep_in, axis=0).max()  # labels would lie on each other
     for number, step in enumerate(campaign.steps, start=1):
@@ -134,7 +135,7 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
             continue
         bag = campaign.folder / step.bag
         poses = read_drive(bag, topics=campaign.topics, sensors=False).driven
-        color = FAMILIES[families.index(step.maneuver) % len(FAMILIES)]
+        color = families[step.maneuver]
         for way in (bag, campaign.folder / WAY_BACK / bag.name):
             if way.exists() and (back := read_way_back(way, topics=campaign.topics)) is not None:
                 thin = max(1, len(back.x) // 300)  # the noise of all poses would fill the dashes
@@ -152,7 +153,7 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
     for place, numbers in starts:
         axes.annotate(", ".join(numbers), place, xytext=(5, 5), textcoords="offset points")
     driven = {step.maneuver for step in campaign.steps if step.driven}
-    for name, color in zip(families, FAMILIES, strict=False):
+    for name, color in families.items():
         if name in driven:
             axes.plot([], [], "o-", color=color, label=f"{name.replace('_', ' ')}, from its start")
     if returned:

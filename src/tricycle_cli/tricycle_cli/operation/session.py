@@ -3,6 +3,7 @@
 import math
 import os
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -268,7 +269,7 @@ def _new(bag: Path) -> Path:
 def _wait_for_enter(
     plan: Plan, preflight: Callable[[], Mapping[str, DiagnosticEntry]], back: bool
 ) -> None:
-    """Show the pre-flight until nothing fails and somebody says Enter."""
+    """Show the pre-flight until nothing fails and somebody says Enter; on stderr."""
     along, across, stop = plan.space
     start = "its start"
     if plan.area is not None and plan.start_pose is not None:
@@ -277,19 +278,22 @@ def _wait_for_enter(
         start = f"x {x:.2f} m, y {y:.2f} m, heading {degrees:.1f}° in {plan.area.frame}"
     print(
         f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
-        f"{across:.0f} m and {stop:.0f} m to stop, from {start}"
+        f"{across:.0f} m and {stop:.0f} m to stop, from {start}",
+        file=sys.stderr,
     )
     while True:
         items = preflight()
-        plain_console().print(diagnostics_table(items, time.monotonic()))
+        plain_console(stderr=True).print(diagnostics_table(items, time.monotonic()))
         # the recorder records when the drive begins, and the way back ends at the start
         later = {RECORDER, *(["start"] if back else [])}
         failing = {n for n, item in items.items() if item.level is Level.ERROR} - later
         drives = "drives back to the start and then the maneuver" if back else "drives"
         does = f"looks again ({', '.join(sorted(failing))})" if failing else drives
+        print(f"Enter {does}, Ctrl-C leaves ", end="", file=sys.stderr, flush=True)
         try:
-            input(f"Enter {does}, Ctrl-C leaves ")
+            input()
         except EOFError:
+            print(file=sys.stderr)  # what is wrong has a line of its own
             raise PlanError("nobody is there to say that the vehicle is ready") from None
         if not failing:
             return
