@@ -3,13 +3,13 @@
 No model of the vehicle is asked, so that slow drives and gentle turns tell it too.
 """
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from parameter_identification.drives.motion import SLOWEST, Motion
+from parameter_identification.drives.proportion import contradiction
 from parameter_identification.drives.table import Recording
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -19,10 +19,8 @@ from tricycle_sim.vehicle import Vehicle
 STEP = 0.2  # s of way that shows a course
 FASTEST = 30.0  # m/s over a step, beyond which the pose jumped
 ALONG = 0.5  # least mean cosine of twice the angle between course and heading: 30 degrees
-ALIKE = 0.9  # cosine from which two quantities differ by a factor
 FACTOR = 2.0  # that is one of units; slip, roll and understeer explain less
 STEERING_FACTOR = 5.0  # likewise; a map may be a guess
-OPPOSITE = -0.7  # cosine from which a sign is wrong
 ENOUGH = 100  # ticks
 LEAST_TURN = 0.1  # rad/s (rms), far above the noise of a heading's change
 LEAST_PULL = 0.5  # m/s^2 (rms)
@@ -72,41 +70,6 @@ def check_agreement(
             f"{recording.name}: steering {problem} what the turns of the poses need: positive is "
             "to the left; mend its unit in the mapping, or the gain of steering_map"
         )
-
-
-def contradiction(
-    given: FloatArray,
-    expected: FloatArray,
-    *,
-    least: float,
-    factor: float,
-    least_slope: float = 0.0,
-) -> str:
-    """Return what is wrong with values that are proportional to those expected; else an empty text.
-
-    Parameters
-    ----------
-    given, expected : ndarray of float, shape (m,)
-        Of one quantity, in one unit.
-    least : float
-        Root mean square of those expected up to which nothing is concluded.
-    factor : float
-        From which the unit is another one.
-    least_slope : float
-        Share of those expected that values of the wrong sign have at least.
-    """
-    energy, own = float(expected @ expected), float(given @ given)
-    if not energy > least**2 * len(expected):
-        return ""
-    if own == 0.0:  # who measures nothing writes zeros
-        return "is 0 times"
-    slope = float(given @ expected) / energy
-    cosine = float(given @ expected) / math.sqrt(energy * own)
-    if slope < -least_slope and cosine < OPPOSITE:
-        return "has the opposite sign of"
-    if abs(cosine) > ALIKE and not 1.0 / factor < abs(slope) < factor:
-        return f"is {slope:.2g} times"
-    return ""
 
 
 def _check_way(name: str, motion: Motion, *, headed: bool) -> None:

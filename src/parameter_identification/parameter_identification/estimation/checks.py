@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from parameter_identification.drives.agreement import contradiction
 from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
     FEWEST,
@@ -16,6 +15,7 @@ from parameter_identification.drives.measured import (
     Signal,
     StartPose,
 )
+from parameter_identification.drives.proportion import contradiction
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import prior_in_ranges
