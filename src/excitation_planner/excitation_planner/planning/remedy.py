@@ -97,12 +97,12 @@ def _larger(
         return math.inf if still is None else still
 
     needed = shortage
-    if area.keep_out:  # the shortage may be that to a keep_out, also at the start
-        if lacks(_FAR) > 0.0:
-            blamed = "a keep_out is in its way, however large keep_in is"
-            return f"{blamed}; {margins} would do" if shortage < margin else blamed
-        while needed < _FAR and (still := lacks(needed)) > 0.0:
-            needed += max(still, _LEAST)
+    if area.keep_out and lacks(_FAR) > 0.0:  # the shortage may be that to a keep_out
+        blamed = "a keep_out is in its way, however large keep_in is"
+        return f"{blamed}; {margins} would do" if shortage < margin else blamed
+    # the start pose is searched anew in a larger area, and may be another one
+    while needed < _FAR and (still := lacks(needed)) > 0.0:
+        needed += max(still, _LEAST)
     change = f"keep_in {needed:.2f} m further out on every side would do"
     return f"{change}, or {margins}" if shortage < margin else change
 
