@@ -29,6 +29,7 @@ from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.doubt import CONTRADICTING, with_prior_variance
 from parameter_identification.estimation.intervals import interval
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.problem import at_bounds
 from parameter_identification.estimation.results import (
     EffectEstimate,
     Estimate,
@@ -376,8 +377,7 @@ def result_of(
     bounds, drives = fit.variables, here.shares
     white = few_coloured(sum(not share.white for share in drives), len(drives))
     if not white or growth[:k].max() > CONTRADICTING:
-        at_an_end = (at <= bounds.low + 1e-9) | (at >= bounds.high - 1e-9)
-        beyond |= at_an_end[:k].any()  # as in `doubt_of`
+        beyond |= at_bounds(at, bounds.low, bounds.high)[:k].any()  # as in `doubt_of`
     by_noise = np.sqrt(np.diag(covariance))
     covariance = with_prior_variance(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))

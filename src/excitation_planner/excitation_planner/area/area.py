@@ -114,8 +114,7 @@ class Area:
             return
         x, y = np.clip(spans, -2.0 * FARTHEST, 2.0 * FARTHEST)
         region = shapely.MultiPoint([(a, b) for a in x for b in y]).convex_hull  # or line, or point
-        obstacles = shapely.union_all([shapely.Polygon(corners) for corners in self.keep_out])
-        ground = shapely.Polygon(self.keep_in).difference(obstacles)
+        ground = self._ground(0.0)
         if not region.intersects(ground) or region.touches(ground):
             whole = "all of " if region.length else ""
             raise PlanError(
@@ -140,6 +139,16 @@ class Area:
             clearance = np.minimum(clearance, -signed_distance(points, (polygon,)))
         return clearance
 
+    def _ground(self, distance: float) -> Any:
+        """Polygons of the ground at a distance [m] from all that bounds the area."""
+        import shapely  # only who reads an area needs it
+
+        obstacles = [
+            shapely.Polygon(corners).buffer(distance, quad_segs=ARC) for corners in self.keep_out
+        ]
+        ground = shapely.Polygon(self.keep_in).buffer(-distance, quad_segs=ARC)
+        return ground.difference(shapely.unary_union(obstacles))
+
     def within(self, distance: float) -> Rings:
         """Return the ground at a distance from all that bounds the area.
 
@@ -160,11 +169,7 @@ class Area:
         """
         import shapely  # only who reads an area needs it
 
-        obstacles = [
-            shapely.Polygon(corners).buffer(distance, quad_segs=ARC) for corners in self.keep_out
-        ]
-        ground = shapely.Polygon(self.keep_in).buffer(-distance, quad_segs=ARC)
-        parts = shapely.get_parts(ground.difference(shapely.unary_union(obstacles)))
+        parts = shapely.get_parts(self._ground(distance))
         rings = [ring for part in parts if not part.is_empty for ring in rings_of(part)]
         if not rings:
             raise PlanError(f"nothing of the area is {distance:g} m away from its border")

@@ -230,8 +230,7 @@ def _driven(
 
 
 def _stamp(recording: Recording, time: float) -> int:
-    times = [recording.time, recording.steering.time, *(s.time for s in recording.more.values())]
-    start = max(recording.start, -min(float(time[0]) for time in times))  # no stamp is below 0
+    start = max(recording.start, -recording.earliest)  # no stamp is below 0
     if start + time >= LAST:
         raise IdentificationError(
             f"{recording.name}: time {start + time:.10g} s: a bag's end in 2038, at {LAST:.0f} s; "

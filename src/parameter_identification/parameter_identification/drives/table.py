@@ -13,6 +13,7 @@ import reprlib
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -311,6 +312,12 @@ class Recording:
     steering: Samples
     more: Mapping[str, Samples]
     steering_measured: bool = False
+
+    @cached_property
+    def earliest(self) -> float:
+        """Time of the first sample of all [s]; below 0 where that is not a pose."""
+        every = [self.time, self.steering.time, *(s.time for s in self.more.values())]
+        return min(float(time[0]) for time in every)
 
     @property
     def poses(self) -> FloatArray:

@@ -72,6 +72,18 @@ class Fit:
     cost: float
 
 
+def at_bounds(v: FloatArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
+    """Return which variables (n,) are at one of their bounds.
+
+    Parameters
+    ----------
+    v, low, high : ndarray of float, shape (n,)
+        The variables and their bounds.
+    """
+    found: NDArray[np.bool_] = np.fmin(v - low, high - v) <= 1e-9
+    return found
+
+
 class LeastSquares(Closing):
     """Least squares over all drives.
 
@@ -299,7 +311,7 @@ class LeastSquares(Closing):
         v : ndarray of float, shape (n,)
             Variables; effects that are 0 do not act.
         """
-        ends: NDArray[np.bool_] = np.fmin(v - self.low, self.high - v) <= 1e-9
+        ends = at_bounds(v, self.low, self.high)
         ends[self.k :] &= v[self.k :] != 0.0
         return ends
 
