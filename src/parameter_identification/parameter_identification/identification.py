@@ -35,6 +35,7 @@ from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
 from parameter_identification.estimation.intervals import interval
+from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.motion_model import OF_INPUT
 from parameter_identification.estimation.motions import Simulator
@@ -69,7 +70,7 @@ from parameter_identification.estimation.validation import (
     predict_held_out,
     whiteness_of_residuals,
 )
-from parameter_identification.estimation.weighing import Mixture, weigh_effects
+from parameter_identification.estimation.weighing import weigh_effects
 from parameter_identification.estimation.whiteness import coloured
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress

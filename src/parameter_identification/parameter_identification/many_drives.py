@@ -28,6 +28,7 @@ from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.doubt import CONTRADICTING, with_prior_variance
 from parameter_identification.estimation.intervals import interval
+from parameter_identification.estimation.mixture import Mixture, mixture_of
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.problem import at_bounds
 from parameter_identification.estimation.results import (
@@ -38,8 +39,7 @@ from parameter_identification.estimation.results import (
     estimate_of,
 )
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit
-from parameter_identification.estimation.weighing import CERTAIN, Mixture
-from parameter_identification.estimation.weighing import mixture as mixture_of
+from parameter_identification.estimation.weighing import CERTAIN
 from parameter_identification.estimation.whiteness import SIGNIFICANCE
 from parameter_identification.many_bags import read_bags, some_of
 from parameter_identification.vehicle_fit import (

@@ -17,9 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.kept import load_kept
 from parameter_identification.estimation.doubt import beyond_ranges, scatter_factors
+from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.shares import DriveShare, Setting, share_of, untold
-from parameter_identification.estimation.weighing import Mixture
 from parameter_identification.workers import each
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, stdtrit
 
 from parameter_identification.estimation.intervals import half_width
+from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.quadratic import Quadratic
-from parameter_identification.estimation.weighing import Mixture
 from tricycle_core.quantities import FloatArray
 
 SCATTER = 10  # drives from which their scatter is an estimate

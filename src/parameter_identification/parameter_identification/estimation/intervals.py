@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from scipy.special import ndtri
 
 if TYPE_CHECKING:
-    from parameter_identification.estimation.weighing import Mixture
+    from parameter_identification.estimation.mixture import Mixture
 
 
 def half_width(level: float = 0.95) -> float:

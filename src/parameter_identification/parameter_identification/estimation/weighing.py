@@ -1,38 +1,30 @@
-"""Weighing effects by the data: the average over the models with and without each of them.
+"""Weighing effects by the data: which of them act, and the fit with those.
 
-Near the minimum the residuals are linear in parameters and effects, so that the evidence of every
-subset of the effects follows from one quadratic cost (Laplace's method, exact where they are).
-The parameters' distribution is the mixture of those of all subsets: it counts that nobody knows
-which effects act. An effect that the data cannot tell from a parameter keeps about the probability
-that it had before, and with it widens the tails. The deviations are weighed alike: not at all, or
-of one of several sizes.
+The average over the models with and without each effect is taken near a fit, whose effects are then
+those that the average found most probable. The deviations are weighed alike: not at all, or of one
+of several sizes.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.special import logit, logsumexp, ndtr, ndtri
+from scipy.special import logsumexp
 
+from parameter_identification.estimation.mixture import NEGLECTED, Mixture, joined, mixture_of
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import Fit, LeastSquares
 from parameter_identification.estimation.quadratic import Quadratic
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import Effect
 
-NEGLECTED = 1e-3  # probability of all the subsets that are left out
-NOT_SEARCHED = math.log(2e-6)  # of subsets that begin alike, over those that were looked at
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
 MOST_SIZES = 8  # combinations of them that are averaged
-_LOG_ROOT_TAU = 0.5 * math.log(math.tau)  # of the normal distribution's density
-_FAR_TAIL = 30.0  # standard deviations from which its tail is found by a series
 ROUNDS = 5  # of weights, and fit with the most probable effects
 SURPRISE = 30.0  # of the cost, from which a fit shows that the motion is not linear in an effect
 ENOUGH = 0.1  # of it, to which such fits are compared
@@ -40,416 +32,8 @@ NOTICEABLE = 0.1  # standard deviations of its prior, from which an effect may b
 SURELY = 0.99  # probability of one that needs no further look
 INDISPENSABLE = 1.0 - 1e-15  # probability of such an effect
 
-
-@dataclass(frozen=True, eq=False)
-class Mixture:
-    """Normal distributions of d variables, one per subset of the effects.
-
-    Attributes
-    ----------
-    weights : ndarray of float, shape (s,)
-        Probability of each subset, the most probable ones first.
-    acting : ndarray of bool, shape (s, g)
-        Which effects it has.
-    means : ndarray of float, shape (s, d)
-        Of the variables; 0 for effects that it lacks.
-    variances : ndarray of float, shape (s, d)
-        Of the variables.
-    within : ndarray of float, shape (d, d)
-        Mean of the subsets' covariances.
-    evidence : float
-        Logarithm of that of all subsets together, but for what they have in common.
-    """
-
-    weights: FloatArray
-    acting: NDArray[np.bool_]
-    means: FloatArray
-    variances: FloatArray
-    within: FloatArray
-    evidence: float
-
-    @property
-    def mean(self) -> FloatArray:
-        """Mean of the variables (d,)."""
-        mean: FloatArray = self.weights @ self.means
-        return mean
-
-    @property
-    def standard_deviations(self) -> FloatArray:
-        """Of the variables (d,)."""
-        return np.sqrt(np.diag(self.covariance(self.mean)))
-
-    def covariance(self, about: FloatArray) -> FloatArray:
-        """Return the second moments (d, d) about a point.
-
-        Parameters
-        ----------
-        about : ndarray of float, shape (d,)
-            The point.
-        """
-        off = self.means - about
-        found: FloatArray = self.within + (self.weights[:, None] * off).T @ off
-        return found
-
-    def quantile(self, i: int, probability: float) -> float:
-        """Return the value below which a variable is with a probability.
-
-        Parameters
-        ----------
-        i : int
-            Number of the variable.
-        probability : float
-            Between 0 and 1.
-        """
-        mean, std = self.means[:, i], np.sqrt(self.variances[:, i])
-        ends = mean + ndtri(probability) * std
-        if np.ptp(ends) == 0.0:
-            return float(ends[0])
-
-        def excess(value: float) -> float:
-            return float(self.weights @ ndtr((value - mean) / std)) - probability
-
-        return float(brentq(excess, ends.min() - 1e-9, ends.max() + 1e-9))
-
-    def interval(self, i: int, at: float, level: float) -> tuple[float, float]:
-        """Return the ends of the interval of a variable, which holds a point.
-
-        Parameters
-        ----------
-        i : int
-            Number of the variable.
-        at : float
-            A fit within bounds, of which the average knows nothing. Where it lies outside the
-            interval of the average, this one holds what is between them too.
-        level : float
-            Probability of the interval.
-        """
-        low, middle, high = (self.quantile(i, 0.5 + s * 0.5 * level) for s in (-1, 0, 1))
-        moved = 0.0 if low <= at <= high else at - middle
-        return low + min(moved, 0.0), high + max(moved, 0.0)
-
-
-def mixture(
-    information: FloatArray,
-    pull: FloatArray,
-    groups: Sequence[Sequence[int]],
-    chances: Sequence[float],
-    least: Mapping[int, float] | None = None,
-) -> Mixture:
-    """Return the average over subsets of effects, but for the least probable ones.
-
-    Parameters
-    ----------
-    information : ndarray of float, shape (d, d)
-        Of parameters and effects, with their priors; effects have a prior of mean 0, deviation 1.
-    pull : ndarray of float, shape (d,)
-        Information times the mean.
-    groups : sequence of sequence of int
-        Variables of each effect.
-    chances : sequence of float
-        Probability of each effect before the drives.
-    least : mapping of int to float, optional
-        Values below which variables of effects cannot be. Their distributions are cut off there,
-        and replaced by normal ones of the same moments.
-
-    References
-    ----------
-    A. E. Raftery, D. Madigan, J. A. Hoeting, J. Am. Stat. Assoc. 92 (1997) 179-191.
-    """
-    d, bounds = len(pull), dict(least or {})
-    covariance = np.linalg.inv(information)
-    mean = covariance @ pull
-    shown = np.array(
-        [
-            mean[at] @ np.linalg.solve(covariance[np.ix_(at, at)], mean[at])
-            for at in map(list, groups)
-        ]
-    )
-    # what the drives show most clearly is decided first: most of the search is then cut off early
-    ranks = np.argsort(-shown, kind="stable").tolist()
-    groups = [groups[rank] for rank in ranks]
-    odds = logit(np.array(chances)[ranks])
-    members = [i for at in groups for i in at]
-    always = np.setdiff1d(np.arange(d), members)
-    sequence = np.concatenate([always, members]).astype(np.int64)
-    matrix = np.zeros((d + 1, d + 1))
-    matrix[:d, :d] = information[np.ix_(sequence, sequence)]
-    matrix[:d, d] = matrix[d, :d] = pull[sequence]
-    ends = len(always) + np.cumsum([0, *(len(at) for at in groups)])
-    least_values = np.array([bounds.get(i, -math.inf) for i in sequence.tolist()])
-    subsets, evidence = _evidence(matrix, ends, least_values, odds, shown[ranks])
-    order = np.argsort(-evidence)
-    share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
-    probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]]
-    weights, means, variances, within = _moments(
-        matrix, ends, least_values, odds, probable, float(evidence.max())
-    )
-    total = float(logsumexp(weights))
-    weights = np.exp(weights - total)
-    acting = _bits(probable, len(groups))[:, np.argsort(ranks)]
-    order, back = np.argsort(-weights), np.argsort(sequence)
-    return Mixture(
-        weights[order],
-        acting[order],
-        means[np.ix_(order, back)],
-        variances[np.ix_(order, back)],
-        within[np.ix_(back, back)],
-        total,
-    )
-
-
-def _bits(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    """Which of so many effects subsets have, by number (s,); the last effect is the lowest bit."""
-    found: NDArray[np.bool_] = (numbers[:, None] >> np.arange(count - 1, -1, -1)) & 1 == 1
-    return found
-
-
-@compiled
-def _evidence(
-    matrix: FloatArray,
-    ends: NDArray[np.int64],
-    least: FloatArray,
-    odds: FloatArray,
-    shown: FloatArray,
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Logarithm of the evidence of the probable subsets of g effects.
-
-    By leaps and bounds: effects are decided one after the other, in or out. None of the subsets of
-    those that are not decided yet fits better than all of them; where even so all these subsets
-    together are improbable, none of them is looked at.
-
-    Parameters
-    ----------
-    matrix : ndarray of float, shape (d + 1, d + 1)
-        Information, and the pull in the last row and column. The variables of every subset come
-        first, then those of the effects, one after the other.
-    ends : ndarray of int, shape (g + 1,)
-        Effect g has the variables from `ends[g]` to `ends[g + 1]`.
-    least : ndarray of float, shape (d,)
-        Least values of the variables; -inf: none.
-    odds : ndarray of float, shape (g,)
-        Logarithm of those of each effect before the drives.
-    shown : ndarray of float, shape (g,)
-        How clearly the drives show each beside all others: chi squared.
-
-    Returns
-    -------
-    subsets : ndarray of int, shape (s,)
-        Their numbers: the last effect is the lowest bit.
-    evidence : ndarray of float, shape (s,)
-        Of each, with what precedes the drives.
-
-    References
-    ----------
-    J. H. Goodnight, The American Statistician 33 (1979) 149-158: the sweep operator.
-    G. M. Furnival, R. W. Wilson, Technometrics 16 (1974) 499-511: leaps and bounds.
-    """
-    count, size = len(ends) - 1, len(matrix)
-    bounded = np.flatnonzero(np.isfinite(least))
-    kept = bounded[0] if len(bounded) else size - 1  # rows from here on are needed to the end
-    # with the first so many effects decided: those that are not are all out, or all in
-    without, others = np.empty((count + 1, size, size)), np.empty((count + 1, size, size))
-    logarithms = np.zeros(count + 1)  # of what precedes the drives, and of the determinants
-    most = np.zeros(count + 1)  # that bounds of those which act may add
-    undecided = np.zeros(count + 1)  # logarithm of the odds of all their subsets together
-    swept = np.zeros((count + 1, size), dtype=np.bool_)
-    gains = np.zeros(count)
-    for g in range(count - 1, -1, -1):
-        for v in range(ends[g], ends[g + 1]):
-            if np.isfinite(least[v]):
-                gains[g] += math.log(2.0 / math.erfc(least[v] / math.sqrt(2.0)))
-        undecided[g] = undecided[g + 1] + math.log1p(math.exp(odds[g] + gains[g]))
-    without[0] = matrix
-    for v in range(ends[0]):
-        logarithms[0] -= 0.5 * _sweep(without[0], v, 0)
-    others[0] = without[0]
-    for v in range(ends[0], size - 1):
-        _sweep(others[0], v, 0)
-    subsets, found, number = np.empty(1024, dtype=np.int64), np.empty(1024), 0
-    subset, total, g = 0, -math.inf, 0
-    tried = np.zeros(count + 1, dtype=np.int64)  # ways of deciding each effect: 1 with it, 2 both
-    while g >= 0:
-        if g == count:
-            last = without[g]
-            value = logarithms[g] - 0.5 * last[-1, -1]
-            for bound in bounded:
-                if swept[g, bound]:
-                    above = (last[bound, -1] - least[bound]) / math.sqrt(2.0 * last[bound, bound])
-                    value += math.log(max(math.erfc(-above), 1e-300))
-                    value -= math.log(math.erfc(least[bound] / math.sqrt(2.0)))
-            if number == len(found):
-                subsets = np.concatenate((subsets, subsets))
-                found = np.concatenate((found, found))
-            subsets[number], found[number] = subset, value
-            number += 1
-            larger = max(total, value)
-            total = larger + math.log(math.exp(total - larger) + math.exp(value - larger))
-            g -= 1
-            continue
-        if tried[g] == 2:
-            tried[g] = 0
-            g -= 1
-            continue
-        # the likelier way first: what is improbable beside it is then not looked at
-        acts = (tried[g] == 0) == (0.5 * shown[g] + odds[g] > 0.0)
-        tried[g] += 1
-        first = min(ends[g], kept)
-        without[g + 1, first:, first:] = without[g, first:, first:]
-        others[g + 1, ends[g] :, ends[g] :] = others[g, ends[g] :, ends[g] :]
-        logarithms[g + 1], most[g + 1], swept[g + 1] = logarithms[g], most[g], swept[g]
-        bit = 1 << (count - 1 - g)
-        if acts:
-            subset |= bit
-            logarithms[g + 1] += odds[g]
-            most[g + 1] += gains[g]
-            for v in range(ends[g], ends[g + 1]):
-                logarithms[g + 1] -= 0.5 * _sweep(without[g + 1], v, min(v, kept))
-                swept[g + 1, v] = True
-        else:
-            subset &= ~bit
-            for v in range(ends[g], ends[g + 1]):
-                _sweep(others[g + 1], v, ends[g])  # back out
-        bound_of_all = logarithms[g + 1] + most[g + 1] + undecided[g + 1]
-        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + NOT_SEARCHED:
-            g += 1
-    return subsets[:number], found[:number]
-
-
-@compiled
-def _moments(
-    matrix: FloatArray,
-    ends: NDArray[np.int64],
-    least: FloatArray,
-    odds: FloatArray,
-    subsets: NDArray[np.int64],
-    about: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Evidence and moments of subsets (s,) of g effects.
-
-    Parameters
-    ----------
-    matrix, ends, least, odds
-        As those of `_evidence`.
-    subsets : ndarray of int, shape (s,)
-        Their numbers.
-    about : float
-        About the largest logarithm of evidence.
-
-    Returns
-    -------
-    evidence : ndarray of float, shape (s,)
-        Its logarithm, of each.
-    means, variances : ndarray of float, shape (s, d)
-        Of the variables with each; 0 for those of effects that it lacks.
-    within : ndarray of float, shape (d, d)
-        Mean of their covariances, by their evidence.
-    """
-    count, d, number = len(odds), len(matrix) - 1, len(subsets)
-    evidence, within = np.zeros(number), np.zeros((d, d))
-    means, variances = np.zeros((number, d)), np.zeros((number, d))
-    total = 0.0
-    at = np.arange(d + 1)  # up to ends[0] those of every subset
-    for s in range(number):
-        m = ends[0]
-        for g in range(count):
-            if subsets[s] >> (count - 1 - g) & 1:
-                evidence[s] += odds[g]
-                for v in range(ends[g], ends[g + 1]):
-                    at[m] = v
-                    m += 1
-        at[m] = d
-        own = np.empty((m + 1, m + 1))
-        for i in range(m + 1):
-            for j in range(m + 1):
-                own[i, j] = matrix[at[i], at[j]]
-        for i in range(m):
-            evidence[s] -= 0.5 * _sweep(own, i, 0)
-        evidence[s] -= 0.5 * own[m, m]
-        for i in range(m):
-            if np.isfinite(least[at[i]]):
-                evidence[s] += _cut_off(own, i, least[at[i]])
-        share = math.exp(evidence[s] - about)
-        total += share
-        for i in range(m):
-            means[s, at[i]], variances[s, at[i]] = own[i, m], own[i, i]
-            for j in range(m):
-                within[at[i], at[j]] += share * own[i, j]
-    return evidence, means, variances, within / total
-
-
-@compiled
-def _cut_off(moments: FloatArray, i: int, least: float) -> float:
-    """Let a normal distribution end where a variable is least, in place; log of what that adds.
-
-    Parameters
-    ----------
-    moments : ndarray of float, shape (m + 1, m + 1)
-        Covariance, and the mean in the last column.
-    i : int
-        The variable.
-    least : float
-        Its least value.
-    """
-    m = len(moments) - 1
-    std = math.sqrt(moments[i, i])
-    start = (least - moments[i, m]) / std
-    if start < _FAR_TAIL:
-        kept = math.log(0.5 * math.erfc(start / math.sqrt(2.0)))
-        hazard = math.exp(-0.5 * start**2 - _LOG_ROOT_TAU - kept)
-    else:
-        hazard = start + 1.0 / start
-        kept = -0.5 * start**2 - _LOG_ROOT_TAU - math.log(hazard)
-    shrinks = min(max(hazard * (hazard - start), 0.0), 1.0 - 1e-9)  # of the variance, by this share
-    gains = moments[:m, i] / moments[i, i]
-    change = moments[i, i] * shrinks
-    for j in range(m):
-        moments[j, m] += gains[j] * std * hazard
-        for k in range(m):
-            moments[j, k] -= change * gains[j] * gains[k]
-    return kept - math.log(0.5 * math.erfc(least / math.sqrt(2.0)))
-
-
-@compiled
-def _sweep(matrix: FloatArray, pivot: int, first: int) -> float:
-    """Invert rows and columns from `first` on by one variable, in place; return its logarithm."""
-    p = matrix[pivot, pivot]
-    size = len(matrix)
-    for i in range(first, size):
-        if i != pivot:
-            share = matrix[i, pivot] / p
-            for j in range(first, size):
-                if j != pivot:
-                    matrix[i, j] -= share * matrix[pivot, j]
-            matrix[i, pivot] = -share
-    for j in range(first, size):
-        if j != pivot:
-            matrix[pivot, j] /= p
-    matrix[pivot, pivot] = 1.0 / p
-    return math.log(p)
-
-
-def joined(mixtures: Sequence[Mixture], evidence: FloatArray) -> Mixture:
-    """Return the average of mixtures.
-
-    Parameters
-    ----------
-    mixtures : sequence of Mixture
-        Of the same variables and effects.
-    evidence : ndarray of float, shape (m,)
-        Logarithm of that of each.
-    """
-    total = float(logsumexp(evidence))
-    shares = np.exp(evidence - total)
-    weights = np.concatenate([share * m.weights for share, m in zip(shares, mixtures, strict=True)])
-    order = np.argsort(-weights)
-    return Mixture(
-        weights[order],
-        np.concatenate([m.acting for m in mixtures])[order],
-        np.concatenate([m.means for m in mixtures])[order],
-        np.concatenate([m.variances for m in mixtures])[order],
-        np.tensordot(shares, np.array([m.within for m in mixtures]), 1),
-        total,
-    )
+LikelySizes = Sequence[tuple[dict[str, float], float]]
+"""Sizes of the deviations, and the logarithm of what precedes the drives, for each choice."""
 
 
 def weigh_effects(
@@ -466,75 +50,98 @@ def weigh_effects(
     optimum : Optimum
         The best fit with all effects.
     """
-    effects, places = zip(*problem.constant_effects().items(), strict=True)
-    names, chances = [e.name for e in effects], [e.chance for e in effects]
-    at_effect = dict(zip(names, places, strict=True))
-    of_effects = sorted(i for at in places for i in at)
-    variables = np.append(np.arange(problem.k), of_effects).astype(int)
-    where = {v: i for i, v in enumerate(variables.tolist())}
-    groups = [[where[i] for i in at] for at in places]
-    rest = np.setdiff1d(np.arange(problem.n), variables)
-    least = {where[i]: problem.low[i] for i in of_effects if problem.low[i] > -CERTAIN}
+    effects = _Effects(problem)
     fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
-
-    def average(
-        here: Quadratic, likely: Sequence[tuple[dict[str, float], float]]
-    ) -> tuple[Mixture, FloatArray]:
-        """That over all subsets and those sizes of the deviations, and the sizes' evidence."""
-
-        def weighed(chosen: tuple[dict[str, float], float]) -> tuple[Mixture, float]:
-            of_deviations, prior = chosen
-            H, pull = here.information + np.diag(problem.more_precision(of_deviations)), here.pull
-            onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
-            found = mixture(
-                H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
-                pull[variables] - onto.T @ pull[rest],
-                groups,
-                chances,
-                least,
-            )
-            return found, prior + found.evidence + _log_evidence(H, pull, rest)
-
-        mixtures, evidence = zip(*problem.each(weighed, likely), strict=True)
-        return joined(mixtures, np.array(evidence)), np.array(evidence)
-
     for later in reversed(range(ROUNDS)):
         here = problem.quadratic(fit.at)
         likely = _likely_sizes(problem, here, free)
-        found, evidence = average(here, likely)
-        acts = np.ones(problem.n, dtype=bool)
-        for at, acting in zip(places, found.acting[0], strict=True):
-            acts[at] = acting
+        found, evidence = effects.average(here, likely)
+        acts = effects.free_in(found.acting[0])
         best = likely[int(np.argmax(evidence))][0]
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
             break  # so that the weights are those of the fit
         problem.set_sizes(best)
-        fit, free, needed = refitted(problem, fit, acts, at_effect)
         sizes = best
-        for name in needed:
-            chances[names.index(name)] = INDISPENSABLE
+        fit, free, needed = refitted(problem, fit, acts, effects.places)
+        effects.count_as_acting(needed)
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)
-    doubtful = {
-        name: at
-        for name, at, chance in zip(names, places, found.weights @ found.acting, strict=True)
-        if chance < SURELY
-    }
-    if held := indispensable(problem, here, free, doubtful):
-        for name in held:
-            chances[names.index(name)] = INDISPENSABLE
-        found, evidence = average(here, likely)
+    chances = effects.probabilities(found)
+    doubtful = {name: at for name, at in effects.places.items() if chances[name] < SURELY}
+    if needed := indispensable(problem, here, free, doubtful):
+        effects.count_as_acting(needed)
+        found, evidence = effects.average(here, likely)
     covariance = np.zeros((problem.n, problem.n))
-    information = here.information
-    covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
-    covariance[np.ix_(variables, variables)] = found.covariance(fit.at[variables])
-    acting_in_all = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
-    probable = dict(zip(names, acting_in_all.tolist(), strict=True))
+    covariance[np.ix_(free, free)] = np.linalg.inv(here.information[np.ix_(free, free)])
+    of_mixture = effects.variables
+    covariance[np.ix_(of_mixture, of_mixture)] = found.covariance(fit.at[of_mixture])
+    probable = effects.probabilities(found)
     shares = np.exp(evidence - found.evidence).tolist()
     for name in sizes:
         of_name = zip(shares, (chosen[name] for chosen, _ in likely), strict=True)
         probable[name] = sum(share for share, size in of_name if size != NO_DEVIATION)
     return replace(optimum, fit=fit, covariance=covariance), found, probable
+
+
+class _Effects:
+    """Effects of a problem that may act or not, and the average over their subsets.
+
+    Attributes
+    ----------
+    places : dict of str to list of int
+        Variables of each effect, by its name.
+    variables : ndarray of int
+        Those of the mixture: the parameters and all effects.
+    """
+
+    def __init__(self, problem: LeastSquares) -> None:
+        effects = problem.constant_effects()
+        self._problem = problem
+        self._chances = {effect.name: effect.chance for effect in effects}
+        self.places = {effect.name: at for effect, at in effects.items()}
+        of_effects = sorted(i for at in self.places.values() for i in at)
+        self.variables = np.append(np.arange(problem.k), of_effects).astype(int)
+        self._rest = np.setdiff1d(np.arange(problem.n), self.variables)
+        number = {v: i for i, v in enumerate(self.variables.tolist())}
+        self._groups = [[number[i] for i in at] for at in self.places.values()]
+        low = problem.low
+        self._least = {number[i]: low[i] for i in of_effects if low[i] > -CERTAIN}
+
+    def count_as_acting(self, names: Sequence[str]) -> None:
+        """Let these effects act in all subsets that are averaged."""
+        self._chances |= dict.fromkeys(names, INDISPENSABLE)
+
+    def free_in(self, acting: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which of the problem's variables (n,) are free where these effects act."""
+        free = np.ones(self._problem.n, dtype=bool)
+        for at, acts in zip(self.places.values(), acting, strict=True):
+            free[at] = acts
+        return free
+
+    def probabilities(self, found: Mixture) -> dict[str, float]:
+        """Of each effect, by its name."""
+        probable = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
+        return dict(zip(self.places, probable.tolist(), strict=True))
+
+    def average(self, here: Quadratic, likely: LikelySizes) -> tuple[Mixture, FloatArray]:
+        """Average over all subsets and those sizes of the deviations, and the sizes' evidence."""
+        variables, rest = self.variables, self._rest
+
+        def weighed(chosen: tuple[dict[str, float], float]) -> tuple[Mixture, float]:
+            sizes, prior = chosen
+            H, pull = here.information + np.diag(self._problem.more_precision(sizes)), here.pull
+            onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
+            found = mixture_of(
+                H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
+                pull[variables] - onto.T @ pull[rest],
+                self._groups,
+                list(self._chances.values()),
+                self._least,
+            )
+            return found, prior + found.evidence + _log_evidence(H, pull, rest)
+
+        mixtures, evidence = zip(*self._problem.each(weighed, likely), strict=True)
+        return joined(mixtures, np.array(evidence)), np.array(evidence)
 
 
 def refitted(
@@ -571,7 +178,7 @@ def refitted(
         inside = information[np.ix_(free, free)]
         return float(at_zero - pull[free] @ np.linalg.solve(inside, pull[free]))
 
-    found, free, indispensable = fitted(acts), acts, list[str]()
+    found, free, needed = fitted(acts), acts, list[str]()
     while found.cost > expected(free) + SURPRISE:
         with_one = {}
         for name, at in places.items():
@@ -583,8 +190,8 @@ def refitted(
         if best is None or with_one[best][0].cost > found.cost - SURPRISE:
             break
         found, free = with_one[best]
-        indispensable.append(best)
-    return found, free, indispensable
+        needed.append(best)
+    return found, free, needed
 
 
 def indispensable(
@@ -622,9 +229,7 @@ def indispensable(
     return found
 
 
-def _likely_sizes(
-    problem: LeastSquares, here: Quadratic, free: NDArray[np.bool_]
-) -> list[tuple[dict[str, float], float]]:
+def _likely_sizes(problem: LeastSquares, here: Quadratic, free: NDArray[np.bool_]) -> LikelySizes:
     """Sizes of the deviations that are not improbable, with the logarithm of what precedes drives.
 
     That is their probability before the drives, and the normaliser of the deviations' priors. Which
