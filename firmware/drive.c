@@ -248,7 +248,9 @@ static void follow(struct plc *plc)
 	bool stands = at_rest(plc) && board->setpoint == 0;
 	if (board->commanded_gear != board->gear && stands) {
 		board->gear = board->commanded_gear;
-		wheel_restart(&board->wheel); /* it looks in the direction of the gear */
+		/* both look in the direction of the gear: what holds on a slope goes on */
+		board->motor.integral = -board->motor.integral;
+		wheel_restart(&board->wheel);
 	}
 	int32_t target = target_of(board);
 	board->setpoint = slew(board->setpoint, target, board->acceleration_limit);

@@ -63,13 +63,16 @@ class SpeedController:
     """The motor's torque for a set-point, as `motor.c` makes it."""
 
     def __init__(self):
-        self._integral = 0.0  # m
+        self._integral = 0.0  # m, in the direction of the gear
+        self._sign = 1
 
     def torque(self, output, speed, *, reverse):
         if not output.motor_on:
             self._integral = 0.0
             return 0.0
         sign = -1 if reverse else 1
+        self._integral *= sign * self._sign
+        self._sign = sign
         error = sign * (output.setpoint - speed)
         self._integral += 0.01 * error
         demand = 60.0 * (error + self._integral)

@@ -914,6 +914,19 @@ def test_a_healthy_wheel_on_a_slope_is_no_fault(rolling, value, gear, slope):
         assert (rolling.state.state, rolling.state.faults) == (State.ARMED, 0)
 
 
+def test_a_change_of_direction_on_a_slope_keeps_the_torque_that_holds_the_vehicle(rolling):
+    wheel = rolling.plc.wheel
+    wheel.slope = -0.5
+    rolling.arm()
+    rolling.stream(3.0, 0.5)
+    rolling.stream(0.5, 0.3, gear=m.Gear.REVERSE)
+    assert wheel.speed < 0.2
+    wheel.fastest = 0.0
+    rolling.stream(2.5, 0.3, gear=m.Gear.REVERSE)
+    assert rolling.state.gear == m.Gear.REVERSE
+    assert wheel.fastest < 0.45  # 0.48 with the torque turned round
+
+
 # ---- the clock ----
 
 
