@@ -88,7 +88,7 @@ def _unit_box(k):
 def coverage(cases):
     print("\n95 % intervals: share that holds the exact index, and their median half width")
     everything = []
-    for n in (50, 100, 200, 300):
+    for n in (12, 25, 50, 100, 200, 300):
         rng = np.random.default_rng(n)
         problems = [
             ("Eq. 13", MATH_MODEL_OPERATION, MATH_MODEL_UNKNOWN, math_model),

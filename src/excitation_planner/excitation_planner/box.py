@@ -57,7 +57,7 @@ class Box:
         ranges = []
         for name, limits in bounds.items():
             try:
-                low, high = map(float, limits)
+                low, high = map(float, () if isinstance(limits, str) else limits)
             except (TypeError, ValueError):
                 raise DesignError(f"{name}: a range is (low, high), not {limits!r}") from None
             ranges.append((low, high))

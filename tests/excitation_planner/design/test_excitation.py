@@ -139,8 +139,16 @@ def _raises(x, P):
         (interior, {"search": "one-shot-factorial", "budget": 240}, "5 are needed for two levels"),
         (lambda x, P: np.ones(len(P)), {}, "the output is constant"),
         (lambda x, P: np.full(len(P), np.nan), {}, "20 of 20 simulations failed"),
-        (lambda x, P: ["stiff"] * len(P), {}, "f must return real numbers: could not convert"),
-        (lambda x, P: P[:, 0] + 1j, {}, "f must return real numbers, not complex ones"),
+        (
+            lambda x, P: ["stiff"] * len(P),
+            {},
+            "f must return real numbers, NaN where it failed; not ",
+        ),
+        (
+            lambda x, P: P[:, 0] + 1j,
+            {},
+            "f must return real numbers, NaN where it failed; not complex128",
+        ),
         (interior, {"budget": 2e3}, r"budget = 2000\.0: a whole number is needed"),
         (interior, {"seed": -1}, "seed = -1: must be 0 or more"),
         (interior, {"samples": 4}, "samples = 4"),
@@ -211,3 +219,36 @@ def test_noise_that_vanishes_is_no_noise_of_a_one_shot_search():
     arguments = {"search": "one-shot-sobol", "samples": 10, "budget": 300}
     vanishing = best(interior, "p", noise_variance=lambda m: 0.0, **arguments)
     assert same(vanishing, best(interior, "p", **arguments))
+
+
+def test_a_metamodel_that_misses_most_of_the_output_decides_nothing():
+    design = design_excitation(
+        lambda x, P: x[0] * np.sin(40 * np.pi * P[:, 0]) + P[:, 1],
+        {"x": (0.5, 1.0)},
+        {"a": (0, 1), "b": (0, 1)},
+        "b",
+        noise_variance=0.01,
+        workers=1,
+        samples=20,
+        budget=1000,
+    )
+    assert design.verdict is Verdict.UNDECIDED
+    assert "simulate more samples" in design.explanation
+    exact = (0.5 * design.x[0] ** 2 + 0.01) / (1 / 12)
+    assert design.cost_interval[0] < exact < design.cost_interval[1]
+
+
+@pytest.mark.parametrize(
+    ("starts", "message"),
+    [([[0.5]], "starts have shape"), ([[np.nan, 0.5]], "points of the unit box")],
+)
+def test_starts_outside_of_the_box_are_refused(starts, message):
+    with pytest.raises(DesignError, match=message):
+        design_excitation(
+            lambda x, P: P[:, 0],
+            {"x": (0, 1), "y": (0, 1)},
+            {"a": (0, 1)},
+            "a",
+            noise_variance=0.01,
+            starts=starts,
+        )

@@ -16,9 +16,10 @@ from excitation_planner.indices.analytic import (
     math_model,
     quadrature_indices,
 )
+from excitation_planner.indices.kriging import Kriging
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.indices.sensitivity import sensitivity_of_outputs
-from excitation_planner.indices.sobol import effects
+from excitation_planner.indices.sobol import effects, sobol_indices
 from tricycle_core.errors import DesignError
 
 TABLE_1 = np.array([-2.0, -0.5, -2.0, -0.5])
@@ -212,7 +213,7 @@ def test_masked_outputs_are_failed_simulations():
 
 def test_wrong_outputs_and_infills_are_named():
     box = {"p": (0.0, 1.0), "q": (0.0, 1.0)}
-    with pytest.raises(DesignError, match="not complex ones"):
+    with pytest.raises(DesignError, match="not complex128"):
         sensitivity(lambda P: P[:, 0] + 1j, box, samples=20)
     with pytest.raises(DesignError, match="unknown infill 'most'; one of: 'largest-variance', "):
         sensitivity(lambda P: P[:, 0], box, samples=20, infill=5, infill_by="most")
@@ -221,3 +222,73 @@ def test_wrong_outputs_and_infills_are_named():
         for by in ("index-variance", Infill.INDEX_VARIANCE)
     )
     assert np.array_equal(by_name.main, by_member.main)
+
+
+@pytest.mark.parametrize(("waves", "samples"), [(5, 100), (12, 300)])
+def test_waves_along_one_parameter_are_not_taken_for_noise(waves, samples):
+    result = sensitivity(
+        lambda P: np.sin(2 * np.pi * waves * P[:, 0]) + P[:, 1],
+        {"a": (0, 1), "b": (0, 1)},
+        samples=samples,
+    )
+    assert result.main == pytest.approx([6 / 7, 1 / 7], abs=1e-4)
+
+
+def test_noise_of_the_output_is_no_interaction_of_parameters_that_do_not_act():
+    rng = np.random.default_rng(5)
+    result = sensitivity(
+        lambda P: P[:, 0] + 0.3 * rng.standard_normal(len(P)),
+        {"a": (0, 1), "b": (0, 1), "c": (0, 1)},
+        samples=200,
+    )
+    assert result.main[0] > 0.95
+    assert result.total[1:].max() < 0.05
+    assert 0.2 < result.unexplained < 0.8
+
+
+@pytest.mark.parametrize("samples", [12, 20])
+def test_intervals_from_few_samples_hold_the_indices(samples):
+    exact, held = ishigami_indices(), []
+    for seed in range(8):
+        result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=samples, seed=seed)
+        for interval, index in (
+            (result.main_interval, exact.main),
+            (result.total_interval, exact.total),
+        ):
+            held += ((interval[:, 0] <= index) & (index <= interval[:, 1])).tolist()
+    assert np.mean(held) > 0.8
+
+
+def test_the_indices_of_a_rough_metamodel_hold_all_of_its_variance():
+    rng = np.random.default_rng(0)
+    rough = Kriging().fit_process(
+        *(rng.random((200, 2)), rng.standard_normal(200)),
+        length_scale=np.full(2, 0.06),
+        amplitude=np.zeros((2, 2)),
+        nugget=1e-6,
+    )
+    exact = np.var(rough.predict(sobol_sequence(2**14, 2, seed=1)))
+    assert sobol_indices(rough).variance == pytest.approx(exact, rel=1e-3)
+
+
+def test_an_output_that_moves_in_a_corner_only_is_not_called_constant():
+    result = sensitivity(
+        lambda P: np.maximum(0.0, P.sum(axis=1) - 2.7),
+        {"a": (0, 1), "b": (0, 1), "c": (0, 1)},
+        samples=200,
+    )
+    assert result.total.min() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("f", "arguments", "message"),
+    [
+        (lambda P: P[:, 0], {"seed": -1}, "seed = -1: must be a whole number"),
+        (lambda P: P[:, 0], {"seed": None}, "seed = None: must be a whole number"),
+        (lambda P: 1e200 * P[:, 0], {}, "an output is .*e.199: 1e.150 at most"),
+        (lambda P: [None] * len(P), {}, "real numbers, NaN where it failed; not object"),
+    ],
+)
+def test_what_no_index_can_be_computed_from_is_named(f, arguments, message):
+    with pytest.raises(DesignError, match=message):
+        sensitivity(f, {"a": (0, 1)}, samples=20, **arguments)

@@ -269,7 +269,10 @@ def _squared_deviations(Y: FloatArray, middle: FloatArray) -> FloatArray:
 def cost_interval(
     result: Sensitivity, target: int, *, noise_share: float = 0.0
 ) -> tuple[float, float]:
-    """Return the 95 % interval of `excitation_cost`, from the folds of the indices.
+    """Return the 95 % interval of `excitation_cost`.
+
+    It reaches as far as without a fifth of the samples each, from the cost if the target explained
+    all that the metamodel does not, to that if the others did.
 
     Parameters
     ----------
@@ -292,7 +295,11 @@ def cost_interval(
     if len(folds) < len(result.folds) or not np.all(np.isfinite([cost, *folds])):
         return (0.0, math.inf)
     half = float(half_width(np.array(folds) - cost))
-    return (max(0.0, cost - half), cost + half)
+    unexplained = result.unexplained
+    explained, main = 1.0 - unexplained, float(result.main[target])
+    low = explained * cost * main / (explained * main + unexplained)
+    high = cost + unexplained / (explained * main) if explained > 0.0 else math.inf
+    return (max(0.0, low - half), high + half)
 
 
 def _rejected(

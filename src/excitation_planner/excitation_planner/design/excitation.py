@@ -51,6 +51,7 @@ class Verdict(StrEnum):
 
     EXCITES = "excites"  # the target contributes most to the output, or is learnt
     CANNOT_EXCITE = "cannot excite"  # it does not, even at the best maneuver of the family
+    UNDECIDED = "may excite"  # the metamodel predicts too little of the output to tell
 
 
 @dataclass(frozen=True)
@@ -298,10 +299,14 @@ def design_excitation(
         prior=prior,
         beside=beside,
     )
-    if starts is not None and np.shape(starts)[1:] != (len(problem.operation),):
-        raise DesignError(
-            f"starts have shape {np.shape(starts)}: (starts, {len(problem.operation)}) is needed"
-        )
+    if starts is not None:
+        starts = np.asarray(starts, dtype=float)
+        if starts.shape[1:] != (len(problem.operation),):
+            raise DesignError(
+                f"starts have shape {starts.shape}: (starts, {len(problem.operation)}) is needed"
+            )
+        if not ((starts >= 0.0) & (starts <= 1.0)).all():
+            raise DesignError("starts must be points of the unit box, from 0 to 1")
     # one BLAS thread here too: what it computes must not depend on the number of cores, and the
     # threads of an executor share the setting
     with (
@@ -313,7 +318,7 @@ def design_excitation(
             workers=workers,
             chunk=chunk,
             timeout=timeout,
-            store=None if store is None else Store.of(store, problem),
+            store=None if store is None else Store.of(Path(store), problem),
             progress=None if progress is None else lambda done: progress(done, budget),
         ) as evaluate_all,
     ):
@@ -363,7 +368,8 @@ def search_design(
     at_x, sensitivity = verified[best].evaluation, verified[best].sensitivity
     if sensitivity is None:
         raise DesignError(f"the verification failed: {at_x.infeasible}")
-    verdict, explanation = _judge(problem, at_x, history)
+    unexplained = sensitivity.unexplained if isinstance(sensitivity, Sensitivity) else 0.0
+    verdict, explanation = _judge(problem, at_x, history, unexplained)
     everything = [*known.values(), *(v.evaluation for v in verified)]
     return Design(
         operation=problem.operation,
@@ -396,7 +402,10 @@ def _distinct_cheapest(operation: Box, history: list[Evaluation]) -> list[Evalua
 
 
 def _judge(
-    problem: DesignProblem, at_x: Evaluation, history: list[Evaluation]
+    problem: DesignProblem,
+    at_x: Evaluation,
+    history: list[Evaluation],
+    unexplained: float,
 ) -> tuple[Verdict, str]:
     target, names = problem.target_index, problem.unknown.names
     if problem.criterion is not Criterion.H or target is None:
@@ -418,6 +427,11 @@ def _judge(
         f"main index of {names[target]} {share:.3f}, largest other contribution: "
         f"{rival} {rivals[rival]:.3f}"
     )
+    if unexplained > (1.0 - unexplained) * abs(share - rivals[rival]):
+        return Verdict.UNDECIDED, (
+            f"{numbers}; the metamodel misses {unexplained:.0%} of the output's variance, more "
+            "than these differ by: simulate more samples of each maneuver"
+        )
     if share >= rivals[rival]:
         return Verdict.EXCITES, numbers
     most = max(float(e.main[target]) for e in history if not e.infeasible)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -143,6 +144,7 @@ class Study:
         ReportError
             If trajectories are wanted and pyarrow is not installed.
         """
+        path = Path(path)
         if (path / "study.json").exists():
             raise DesignError(f"{path}: holds a study already; open it")
         if Criterion(criterion) is not Criterion.H:
@@ -171,7 +173,7 @@ class Study:
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open the study in a directory."""
-        return cls(Store.open(path))
+        return cls(Store.open(Path(path)))
 
     def ask(self) -> list[Proposal]:
         """Simulations needed next, also written to ``pending.csv``; none when the design is done.
@@ -313,6 +315,11 @@ class Study:
                         f"{row['sample']!r} and output {output!r} must be numbers, or the output "
                         f"{FAILED!r} or '{INFEASIBLE}reason'"
                     ) from None
+                if results and math.isinf(results[-1][2]):
+                    raise DesignError(
+                        f"{path}, line {reader.line_num}: output {output}: must be finite, or "
+                        f"{FAILED!r}"
+                    )
                 if known != reason:
                     raise DesignError(
                         f"{path}, line {reader.line_num}: point {row['point']} is infeasible "

@@ -24,6 +24,7 @@ from tricycle_core.optional import optional, own_axes
 from tricycle_core.quantities import FloatArray
 
 _FOLDS = 5
+_LARGEST = 1e150  # output: the square of a larger one is no number
 # Half width of a 95 % interval, in root mean squares of what changes when a fifth of the samples is
 # left out: benchmarks/sobol.py measures the coverage. Posterior deviations are far too small for
 # smooth outputs.
@@ -39,7 +40,8 @@ class Sensitivity(Indices):
     names : tuple of str, length k
         The unknown parameters, in the order of all arrays.
     main_interval, total_interval : ndarray (k, 2)
-        95 % intervals of `main` and `total`.
+        95 % intervals of `main` and `total`: by how much they change without a fifth of the
+        samples, and as if each parameter could explain all or none of what is unexplained.
     folds : tuple of Indices
         Indices without a fifth of the samples, each fifth in turn, of fewer than five without one;
         the intervals follow from them. All 0 where the other samples have the same output.
@@ -49,6 +51,8 @@ class Sensitivity(Indices):
         The metamodel, fitted on the unit box; `predict` takes parameters in their own units.
     leave_one_out_q2 : float
         Share of the output's variance that the metamodel predicts at samples left out.
+    unexplained : float
+        The rest of the variance, adjusted for the number of fitted hyperparameters.
     simulations : int
         Samples simulated.
     failed : int
@@ -62,6 +66,7 @@ class Sensitivity(Indices):
     unknown: Box
     model: Kriging
     leave_one_out_q2: float
+    unexplained: float
     simulations: int
     failed: int
 
@@ -174,13 +179,21 @@ def sensitivity(
     (array([0.31, 0.44, 0.  ]), array([0.56, 0.44, 0.24]))
     """
     unknown, infill_by = Box.of(unknown), Infill(infill_by)
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise DesignError(f"seed = {seed}: must be a whole number, 0 or more")
     if batch < 1 or infill < 0:
         raise DesignError(f"infill = {infill}, batch = {batch}: 0 or more, in batches of 1 or more")
     with THREADPOOLS.limit(limits=1):
         filling = max(len(unknown) + 2, samples * 2 // 3)
-        U = parameter_samples(unknown, samples, seed=seed)[:filling]
+        all_filling = parameter_samples(unknown, samples, seed=seed)
+        U = all_filling[:filling]
         m = call_simulator(f, unknown.from_unit(U))
         model = None
+        valid = np.isfinite(m)
+        # an output that is constant so far may move elsewhere
+        if filling < samples and valid.any() and is_constant(m[valid]):
+            rest = all_filling[filling:]
+            U, m = all_filling, np.concatenate([m, call_simulator(f, unknown.from_unit(rest))])
         while len(U) < samples + infill:
             first = len(U) < samples
             model = fit_metamodel(U, m, start=model)
@@ -230,13 +243,13 @@ def real_outputs(returned: Any) -> FloatArray:
     returned : array_like
         Real numbers.
     """
-    if np.iscomplexobj(returned):
-        raise DesignError("f must return real numbers, not complex ones")
     try:
-        numbers: Any = np.ma.asanyarray(returned, dtype=float)
+        numbers: Any = np.ma.asanyarray(returned)
     except (TypeError, ValueError) as error:
         raise DesignError(f"f must return real numbers: {error}") from error
-    return np.asarray(np.ma.filled(numbers, np.nan), order="C")
+    if numbers.dtype.kind not in "biuf":
+        raise DesignError(f"f must return real numbers, NaN where it failed; not {numbers.dtype}")
+    return np.asarray(np.ma.filled(numbers.astype(float), np.nan), order="C")
 
 
 def sensitivity_of_outputs(
@@ -308,10 +321,25 @@ def check_outputs(U: FloatArray, m: FloatArray) -> None:
             f"{len(m) - valid.sum()} of {len(m)} simulations failed; "
             f"{U.shape[1] + 2} valid ones are needed for {U.shape[1]} unknown parameters"
         )
-    if np.ptp(m[valid]) <= 1e-12 * np.abs(m[valid]).max():
+    most = np.abs(m[valid]).max()
+    if most > _LARGEST:
+        raise DesignError(f"an output is {most:g}: {_LARGEST:g} at most, choose another unit")
+    if is_constant(m[valid]):
         raise DesignError(
-            f"the output is constant ({m[valid][0]:g}): none of the unknown parameters moves it"
+            f"the output is constant ({m[valid][0]:g} in {valid.sum()} samples): none of the "
+            "unknown parameters moves it"
         )
+
+
+def is_constant(m: FloatArray) -> bool:
+    """Return whether outputs differ by no more than round-off.
+
+    Parameters
+    ----------
+    m : ndarray of float, shape (n,)
+        Outputs, finite.
+    """
+    return bool(np.ptp(m) <= 1e-12 * np.abs(m).max())
 
 
 def sensitivity_of_model(
@@ -330,9 +358,14 @@ def sensitivity_of_model(
     failed : int
         Samples that were left out.
     """
-    count = min(_FOLDS, len(model.X_train_))
-    fold = np.arange(len(model.X_train_)) % count
+    n, k = model.X_train_.shape
+    count = min(_FOLDS, n)
+    fold = np.arange(n) % count
     folds = tuple(_indices_without(model, fold == i) for i in range(count))
+    q2 = model.leave_one_out_q2()
+    # as in the adjusted R²: what is left out was seen when the hyperparameters were fitted
+    spare = n - k - 2 - np.count_nonzero(model.amplitude_)
+    unexplained = min((1.0 - q2) * n / spare, 1.0) if spare > 0 else 1.0
     main_half = half_width(np.array([f.main for f in folds]) - indices.main)
     total_half = half_width(np.array([f.total for f in folds]) - indices.total)
     return Sensitivity(
@@ -340,13 +373,14 @@ def sensitivity_of_model(
         total=indices.total,
         variance=indices.variance,
         names=unknown.names,
-        main_interval=_interval(indices.main, main_half),
-        total_interval=_interval(indices.total, total_half),
+        main_interval=_interval(indices.main, main_half, unexplained),
+        total_interval=_interval(indices.total, total_half, unexplained),
         folds=folds,
         unknown=unknown,
         model=model,
-        leave_one_out_q2=model.leave_one_out_q2(),
-        simulations=len(model.X_train_) + failed,
+        leave_one_out_q2=q2,
+        unexplained=unexplained,
+        simulations=n + failed,
         failed=failed,
     )
 
@@ -372,7 +406,8 @@ def half_width(changes: FloatArray) -> FloatArray:
     return half
 
 
-def _interval(index: FloatArray, half: FloatArray) -> FloatArray:
-    """Interval (k, 2) within [0, 1]."""
-    interval: FloatArray = np.clip(np.stack([index - half, index + half], axis=1), 0.0, 1.0)
-    return interval
+def _interval(index: FloatArray, half: FloatArray, unexplained: float) -> FloatArray:
+    """Intervals (k, 2) within [0, 1] of indices (k,) of what a metamodel explains."""
+    none = (1.0 - unexplained) * index
+    ends = np.stack([none - half, none + unexplained + half], axis=1)
+    return np.asarray(np.clip(ends, 0.0, 1.0))

@@ -22,7 +22,8 @@ from tricycle_core.quantities import FloatArray
 
 _TERMS = 1000  # basis products kept per half of the axes: 10 degrees on each of 3 axes
 _NEGLIGIBLE = 1e-7  # coefficient, as a share of the output's deviation, that is left out
-_DEGREES = 32  # highest Legendre degree + 1 on any axis
+_DEGREES = 32  # highest Legendre degree + 1 on an axis, a multiple of it for short length scales
+_WAVES = 4.0  # degrees times length scale, at least
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,8 @@ def sobol_indices(model: Kriging) -> Indices:
     """Return the Sobol' indices of a fitted Kriging mean (any k; measured up to 20).
 
     The axes are split in two halves, and the coefficients of all pairs of products are one matrix
-    product. Up to k = 6 each half holds the full tensor of degrees as far as the length scales ask
-    for it; beyond, those products that the kernel can excite most.
+    product. Each half holds the products of degrees that the kernel can excite most, `_TERMS` at
+    most: more than a smooth output of up to six parameters has.
 
     Parameters
     ----------
@@ -142,12 +143,12 @@ def _largest(values: FloatArray, count: int) -> NDArray[np.intp]:
     return np.sort(np.concatenate([above, equal]))
 
 
-@lru_cache(maxsize=1)
-def _legendre() -> tuple[FloatArray, FloatArray, FloatArray]:
+@lru_cache(maxsize=8)
+def _legendre(degrees: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Nodes (q,), weights (q,) on [0, 1], orthonormal Legendre polynomials there (q, degrees)."""
-    t, w = np.polynomial.legendre.leggauss(2 * _DEGREES)
-    polynomials = np.asarray(np.polynomial.legendre.legvander(t, _DEGREES - 1), dtype=np.float64)
-    return (t + 1) / 2, w / 2, polynomials * np.sqrt(2 * np.arange(_DEGREES) + 1)
+    t, w = np.polynomial.legendre.leggauss(2 * degrees)
+    polynomials = np.asarray(np.polynomial.legendre.legvander(t, degrees - 1), dtype=np.float64)
+    return (t + 1) / 2, w / 2, polynomials * np.sqrt(2 * np.arange(degrees) + 1)
 
 
 def _axis_kernel(model: Kriging, j: int, t: FloatArray) -> FloatArray:
@@ -161,7 +162,8 @@ def _axis_kernel(model: Kriging, j: int, t: FloatArray) -> FloatArray:
 
 def _axis_projection(model: Kriging, j: int) -> FloatArray:
     """Integrals over [0, 1] of the kernel on axis j times Legendre polynomial d: (degrees, n)."""
-    t, w, polynomials = _legendre()
+    multiple = math.ceil(_WAVES / (_DEGREES * model.length_scale_[j]))
+    t, w, polynomials = _legendre(_DEGREES * multiple)
     C: FloatArray = polynomials.T @ (w[:, None] * _axis_kernel(model, j, t))
     return C
 
