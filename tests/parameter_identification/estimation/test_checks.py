@@ -39,6 +39,14 @@ def test_the_same_drive_does_not_count_twice(pair):
     check_drives(pair, VEHICLE)
     with pytest.raises(IdentificationError, match="circle and again are the same drive"):
         check_drives([pair[0], dataclasses.replace(pair[0], name="again")], VEHICLE)
+    with pytest.raises(IdentificationError, match="circle is given twice"):
+        check_drives([pair[0], pair[0]], VEHICLE)
+    position = pair[0].signals[Sensor.POSITION]
+    shorter = dataclasses.replace(position, time=position.time[:-9], values=position.values[:-9])
+    signals = pair[0].signals | {Sensor.POSITION: shorter}
+    cut = dataclasses.replace(pair[0], name="cut", signals=signals)
+    with pytest.raises(IdentificationError, match="circle and cut are the same drive"):
+        check_drives([pair[0], cut], VEHICLE)
 
 
 def test_too_little_motion_is_refused(pair):

@@ -15,7 +15,7 @@ def test_a_range_is_a_gaussian_of_its_variance():
 
 
 def test_a_prior_replaces_the_ranges_of_its_parameters():
-    prior = GaussianPrior(("yaw_inertia", "another"), np.array([35.0, 1.0]), np.diag([25.0, 1.0]))
+    prior = GaussianPrior(("yaw_inertia", "mass"), np.array([35.0, 1.0]), np.diag([25.0, 1.0]))
     mean, information = prior_in_ranges(VEHICLE, prior)
     i = NAMES.index("yaw_inertia")
     low, high = VEHICLE.unknown["yaw_inertia"]
@@ -33,3 +33,8 @@ def test_a_prior_must_be_one():
         GaussianPrior(("yaw_inertia",), np.array([50.0]), np.array([[0.0]]))
     with pytest.raises(IdentificationError, match=r"needs mean \(1,\)"):
         GaussianPrior(("yaw_inertia",), np.array([50.0, 1.0]), np.array([[1.0]]))
+    with pytest.raises(IdentificationError, match="named twice: yaw_inertia, yaw_inertia"):
+        GaussianPrior(("yaw_inertia", "yaw_inertia"), np.array([50.0, 40.0]), np.eye(2))
+    misspelt = GaussianPrior(("yaw_intertia",), np.array([50.0]), np.eye(1))
+    with pytest.raises(IdentificationError, match="prior: yaw_intertia: tricycle has no such"):
+        box_prior(VEHICLE, misspelt)

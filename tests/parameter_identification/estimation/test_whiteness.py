@@ -26,6 +26,17 @@ def test_p_values_of_white_noise_are_uniform():
     assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.045)
 
 
+@pytest.mark.parametrize("samples", [100, 750])
+def test_white_residuals_are_rejected_no_more_often_than_the_level_says(samples):
+    rng = np.random.default_rng(3)
+    time = 0.01 * np.arange(samples)
+    p = []
+    for _ in range(3000):
+        noise = rng.standard_normal(samples)
+        p.append(whiteness("a", "x", time, time + noise, noise).p)
+    assert np.mean(np.array(p) < 0.01) == pytest.approx(0.01, abs=0.006)
+
+
 def test_a_drift_as_large_as_the_noise_is_seen():
     rng = np.random.default_rng(2)
     time = 0.05 * np.arange(400)

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Collection, Sequence
-from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from excitation_planner.choice import Choice
 from parameter_identification.drives.following import (
     commanded_setpoints,
     has_gains,
@@ -53,7 +53,7 @@ _OF_ESTIMATED_MAP = ("steering-zero", "steering-gain")
 _OF_SPEED_SETPOINTS = ("speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation")
 
 
-class Inputs(Enum):
+class Inputs(Choice):
     """What moves the model."""
 
     COMMANDS = "commands"  # through servo and speed loop of the vehicle file

@@ -30,6 +30,8 @@ class GaussianPrior:
 
     def __post_init__(self) -> None:
         k = len(self.names)
+        if len(set(self.names)) < k:
+            raise IdentificationError(f"prior: a parameter is named twice: {', '.join(self.names)}")
         if self.mean.shape != (k,) or self.covariance.shape != (k, k):
             raise IdentificationError(f"prior: needs mean ({k},) and covariance ({k}, {k})")
         if not np.all(np.linalg.eigvalsh(self.covariance) > 0):
@@ -44,12 +46,22 @@ def box_prior(vehicle: Vehicle, prior: GaussianPrior | None) -> BoxPrior:
     vehicle : Vehicle
         Its k unknown parameters, with their ranges.
     prior : GaussianPrior, optional
-        Replaces the ranges for the parameters that it names.
+        Replaces the ranges for the parameters that it names; those that are known by now are left.
+
+    Raises
+    ------
+    IdentificationError
+        A prior of parameters that the vehicle does not have.
     """
     names = tuple(vehicle.unknown)
     low, high = np.array(list(vehicle.unknown.values())).T
     mean, covariance = np.full(len(names), 0.5), np.eye(len(names)) / PRIOR_INFORMATION
     if prior is not None:
+        if misspelt := [name for name in prior.names if name not in vehicle.declared]:
+            raise IdentificationError(
+                f"prior: {', '.join(misspelt)}: {vehicle.name} has no such parameter; unknown are "
+                f"{', '.join(names)}"
+            )
         given = [i for i, name in enumerate(names) if name in prior.names]
         taken = [prior.names.index(names[i]) for i in given]
         width = (high - low)[given]

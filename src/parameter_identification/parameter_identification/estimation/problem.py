@@ -13,12 +13,12 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from excitation_planner.choice import Choice
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
@@ -49,7 +49,7 @@ LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviat
 _T = TypeVar("_T")
 
 
-class Loss(Enum):
+class Loss(Choice):
     """Cost of a residual."""
 
     SQUARED = "squared"  # efficient for Gaussian noise

@@ -12,6 +12,7 @@ from parameter_identification.estimation import chi_square
 from tricycle_core.quantities import FloatArray
 
 LONGEST_LAG = 1.0  # s
+SAMPLES_PER_LAG = 20  # at least: with fewer, white residuals are rejected more often than they may
 SIGNIFICANCE = 0.01  # of all channels together: the smallest p value is multiplied by their number
 
 
@@ -48,6 +49,9 @@ class Whiteness:
 def ljung_box(residuals: FloatArray, lags: int) -> tuple[float, float]:
     """Return statistic and p value of Ljung and Box.
 
+    The variance of the statistic of white residuals is 1 + 2 lags / m times that of the chi-squared
+    distribution with as many degrees of freedom: p is by a scaled one of the same moments.
+
     Parameters
     ----------
     residuals : ndarray of float, shape (m,)
@@ -65,7 +69,8 @@ def ljung_box(residuals: FloatArray, lags: int) -> tuple[float, float]:
     covariance = np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
     rho = covariance[1:] / covariance[0]
     statistic = float(m * (m + 2) * np.sum(rho**2 / (m - np.arange(1, lags + 1))))
-    return statistic, chi_square.tail(statistic, lags)
+    spread = 1.0 + 2.0 * lags / m
+    return statistic, chi_square.tail(statistic / spread, lags / spread)
 
 
 def whiteness(
@@ -84,7 +89,7 @@ def whiteness(
     """
     rms = float(np.sqrt(np.mean(residuals**2)))
     m = len(time)
-    lags = max(1, min(round(LONGEST_LAG / float(np.median(np.diff(time)))), m // 5))
+    lags = max(1, min(round(LONGEST_LAG / float(np.median(np.diff(time)))), m // SAMPLES_PER_LAG))
     centred = residuals - residuals.mean()
     power = float(centred @ centred)
     if rms <= resolution(measured) or power == 0.0:
