@@ -50,17 +50,18 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a folder to which nothing can be written; called before the work that fills it.
+    """Raise if nothing can be written to a folder; called before the work that fills it.
 
     Parameters
     ----------
     path : Path
-        May exist; where it does not, nothing is made yet.
+        Folder; it need not exist, and is not made here.
 
     Raises
     ------
     ExcitationError
-        If it is in a file's place, or there is no permission to make it or to write into it.
+        If a file stands in the folder's place, or there is no permission to make it or to
+        write into it.
     """
     existing = next(folder for folder in (path, *path.parents) if folder.exists())
     if not existing.is_dir():
@@ -71,19 +72,19 @@ def check_folder(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a path to write to; the file takes the place of `path` when the block ends well.
+    """Give a path to write to; the file replaces `path` once the block ends without an error.
 
     Missing folders are made. When the block raises, `path` is as it was and nothing is left behind.
 
     Parameters
     ----------
     path : Path
-        File to appear or to be replaced.
+        File to be made or replaced.
 
     Yields
     ------
     partial : Path
-        File beside it, with the same suffix.
+        Temporary file in the same folder, with the same suffix.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +123,7 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Parameters
     ----------
     content : bytes
-        Of the file.
+        Content of the file.
     where : str
         Named first in the message, usually the file.
     error : type
@@ -147,12 +148,12 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
 
 
 def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
-    """Return the values of a YAML text in UTF-8 without aliases, by which a file can explode.
+    """Return the values of a YAML text in UTF-8; aliases are refused: a file can explode by them.
 
     Parameters
     ----------
     content : bytes
-        Of the file.
+        Content of the file.
     where : str
         Named first in the message, usually the file.
     error : type
@@ -240,12 +241,13 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
 
 
 def separator_of(lines: Iterable[str]) -> str:
-    """Return what separates the columns of a table: the comma, unless there are more of another.
+    """Return the column separator of a table: the comma, unless another one occurs more often.
 
     Parameters
     ----------
     lines : iterable of str
-        The table's, as an open file gives them; the first one that is not blank is the header.
+        Lines of the table, e.g. an open file; the first line that is not blank is the
+        header.
 
     Examples
     --------
@@ -262,7 +264,8 @@ def encode(document: object) -> Any:
     Parameters
     ----------
     document : dataclass
-        May hold dataclasses, mappings, sequences, enumerations and arrays.
+        Dataclass whose fields may hold dataclasses, mappings, sequences, enumerations and
+        arrays.
     """
     # field by field: msgspec leaves out those that `decode` left at their defaults
     if dataclasses.is_dataclass(document):
@@ -286,7 +289,7 @@ def decode(
     kind : type
         A dataclass; fields that are `FloatArray` take (nested) lists of numbers.
     values : object
-        From `parse_json`. Entries that the type does not know are ignored.
+        Values from `parse_json`; entries that the type does not know are ignored.
     where : str
         Named first in the message.
     error : type

@@ -1,4 +1,4 @@
-"""The exceptions of all packages: what a user can mend, told in one line.
+"""The exceptions of all packages, and their messages in one line.
 
 ::
 
@@ -22,7 +22,7 @@ from __future__ import annotations
 
 
 class ExcitationError(ValueError):
-    """Something that the user can mend; the message says what, where, and what would be right."""
+    """A mistake that the user can correct; the message says where, what, and what is right."""
 
 
 class VehicleError(ExcitationError):
@@ -30,11 +30,11 @@ class VehicleError(ExcitationError):
 
 
 class PlantError(ExcitationError):
-    """A plant behind the boards is unknown, cannot be made, or has failed."""
+    """A simulated plant (what the boards drive) is unknown, cannot be made, or has failed."""
 
 
 class CommandsError(ExcitationError):
-    """Commands are unusable; the message names row and column."""
+    """Commands cannot be used; the message names row and column."""
 
 
 class LinkError(ExcitationError):
@@ -77,12 +77,12 @@ class InfeasibleManeuver(Exception):  # noqa: N818  (an outcome of a simulation,
 
 
 def message_of(error: BaseException) -> str:
-    """Return what is wrong in one printable line; of a file its name, without the error's number.
+    """Return an error's message in one printable line; without the error number of the system.
 
     Parameters
     ----------
     error : BaseException
-        That a user's mistake raised.
+        Error caused by a mistake of the user.
 
     Examples
     --------
@@ -100,14 +100,14 @@ def message_of(error: BaseException) -> str:
 
 
 def naming(error: BaseException, path: object) -> str:
-    """Return what is wrong in one line that names a file.
+    """Return an error's message in one line that names a file.
 
     Parameters
     ----------
     error : BaseException
-        That a user's mistake raised.
+        Error caused by a mistake of the user.
     path : object
-        Of the file; it is put first where the message does not name it.
+        Path of the file; it is put first unless the message contains it.
     """
     message = message_of(error)
     return message if str(path) in message else f"{path}: {message}"

@@ -112,7 +112,8 @@ def overridable(qos: QoSProfile | int) -> dict[str, Any]:
     Parameters
     ----------
     qos : QoSProfile or int
-        Profile unless overridden, or its depth; copied, because rclpy changes what it is given.
+        Default profile, or its depth; it is copied, because rclpy changes the one it is
+        given.
     """
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else copy.copy(qos)
     options = QoSOverridingOptions.with_default_policies()
@@ -135,15 +136,15 @@ def declare(
     node : Node
         Node that has the parameter.
     name : str
-        Of the parameter.
+        Name of the parameter.
     default : bool, int, float, str, list of float or list of str
         Value unless set; it decides the type.
     description : str
-        For `ros2 param describe`, with the unit.
+        Description shown by `ros2 param describe`, with the unit.
     span : (float, float), optional
         Smallest and largest value of a number.
     read_only : bool
-        Whether it can be set at the start only.
+        Whether it can be set only when the node starts.
     """
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
     if span is not None and isinstance(default, int):
@@ -157,12 +158,12 @@ def declare(
 
 
 def ignore_impossible_times(node: Node) -> None:
-    """Let messages of /clock that tell a negative time pass by; rclpy's own callback raises.
+    """Ignore messages of /clock with a negative time, on which rclpy's own callback raises.
 
     Parameters
     ----------
     node : Node
-        Node on simulated time; on another nothing is done.
+        Node; nothing is done unless it uses simulated time.
     """
     for subscription in node.subscriptions:
         if subscription.msg_type is Clock and subscription.callback:
@@ -229,7 +230,7 @@ def _told(mistake: Exception) -> str:
 
 
 def run_node(factory: Callable[[], Node]) -> None:
-    """Construct a node, spin it until one of `ending_signals`, and leave no trace of the ending.
+    """Construct a node, spin it until one of `ending_signals` arrives, and shut it down quietly.
 
     With `--help` it says what the node is, and its parameters, and starts nothing.
 
@@ -241,7 +242,7 @@ def run_node(factory: Callable[[], Node]) -> None:
     Parameters
     ----------
     factory : callable
-        Makes the node, after rclpy is initialised.
+        Function that makes the node; called after rclpy is initialised.
     """
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_help(factory), end="")
