@@ -25,7 +25,7 @@ SHARPEST = 0.1
 
 @dataclass
 class LeadIn:
-    """Steers along a straight line, closed loop; the speed is not its own.
+    """Steers along a straight line, closed loop; it does not control the speed.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class LeadIn:
     end : float
         Time from the start of the maneuver until which it steers [s].
     chassis : Chassis
-        Of the vehicle.
+        Steering geometry and tyre radius of the vehicle.
     curvature : float
-        Commanded of the middle of the unsteered axle's way [1/m].
+        Commanded curvature of the path of the unsteered axle's middle [1/m].
     """
 
     start: Pose
@@ -53,11 +53,11 @@ class LeadIn:
         Parameters
         ----------
         pose : (float, float, float)
-            Of `base_link` now [m, m, rad].
+            Present pose of `base_link` [m, m, rad].
         speed : float
-            Of it [m/s].
+            Present speed [m/s].
         time : float
-            Since the start of the maneuver [s].
+            Time since the start of the maneuver [s].
         """
         x, y, heading = self.chassis.axle(*pose)
         ((_, aside),) = seen_from(np.array([[x, y]]), *self.chassis.axle(*self.start)).tolist()

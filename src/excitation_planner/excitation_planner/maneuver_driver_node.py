@@ -238,7 +238,7 @@ class ManeuverDriver(Node):
             self.create_timer(TICK, self._on_tick)
 
     def _chassis(self) -> Chassis:
-        """What the parameters say of the vehicle, for the way back."""
+        """Return the vehicle's geometry by the node's parameters, for the way back."""
         own, geometry = Chassis(), TurningGeometry()
         try:
             geometry = TurningGeometry(

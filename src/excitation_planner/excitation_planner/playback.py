@@ -59,14 +59,14 @@ DRIVEN = PlaybackState.RUNNING, PlaybackState.RETURNING
 
 @dataclass(frozen=True)
 class JointCommand:
-    """What is commanded of the two joints.
+    """Command for the two joints.
 
     Attributes
     ----------
     steering_motor_angle : float
-        Left positive [rad].
+        Steering motor angle, left positive [rad].
     wheel_rate : float
-        Of the rear wheel, forward positive [rad/s].
+        Rate of the rear wheel, forward positive [rad/s].
     stop : bool
         Whether the boards are to stop the vehicle instead, motor and brake, until it is armed
         again. At a wheel rate of 0 the motor alone slows it down, which on a slope takes longer
@@ -91,7 +91,7 @@ def _failures(checks: Sequence[Check]) -> list[str]:
 
 @dataclass
 class Playback:
-    """Plays one schedule after the other.
+    """Plays schedules, one after the other.
 
     A maneuver runs only while the vehicle says that it is armed, and its pose is known and near the
     path.
@@ -99,28 +99,28 @@ class Playback:
     Attributes
     ----------
     watch : VehicleWatch
-        What is heard of the vehicle; where it has a reason against, the run is aborted.
+        Newest messages of the vehicle; the run is aborted if one speaks against it.
     max_deviation : float
         Distance from the path beyond which the run is aborted [m].
     countdown : float
         Time between the start and the first command [s].
     ground_needed : bool
-        Whether a plan has to say on what ground it may be driven, if only that there is none; a
-        plan whose ground has not come yet is then not driven without its fence.
+        Whether a plan must state its ground, even if only that it has none; a plan whose
+        ground has not come yet is then not driven without its fence.
     chassis : Chassis
-        What takes the vehicle back to a start.
+        Geometry with which the vehicle is led back to a start.
     parts : PlanParts
-        What plans come with beside their commands.
+        Messages that accompany the plans' commands.
     state : PlaybackState
-        What it is doing.
+        Present activity of the driver.
     reason : str
         Why the run ended before its last command; empty otherwise.
     start_time : float or None
-        When row 0 was played [s].
+        Time at which row 0 was played [s].
     elapsed : float
-        Time since then, or since the vehicle was asked to go back, at the newest tick [s].
+        Time since `start_time`, or since the request to go back, at the newest tick [s].
     seconds_left : int
-        Of the countdown.
+        Rest of the countdown [s].
     """
 
     watch: VehicleWatch
@@ -159,11 +159,11 @@ class Playback:
         Parameters
         ----------
         schedule : Schedule
-            To be played next.
+            Schedule to be played next.
         stamp : int
-            Of its message [ns].
+            Stamp of its message [ns].
         plan_id : str
-            Of its plan.
+            Identifier of its plan.
         """
         self._next = _Plan(schedule, stamp, plan_id)
         if not self._active and self._stopping_since is None:
@@ -175,7 +175,7 @@ class Playback:
         Parameters
         ----------
         state : PlanarState
-            Of the vehicle.
+            Pose and speed of the vehicle.
         stamp : float
             Time of the measurement, by the clock of its sender [s].
         now : float
@@ -263,7 +263,7 @@ class Playback:
         now : float
             Present time [s].
         others : sequence of Check
-            Of the pre-flight, by others than the playback.
+            Items of the pre-flight that the playback does not check itself.
 
         Raises
         ------
@@ -292,19 +292,19 @@ class Playback:
         self.state, self.reason = PlaybackState.STARTING, ""
 
     def go_back(self, now: float, others: Sequence[Check] = ()) -> None:
-        """Drive back, closed loop: to the planned start, without an area to that of the last run.
+        """Drive back, closed loop: to the planned start; without an area to the last run's start.
 
         Parameters
         ----------
         now : float
             Present time [s].
         others : sequence of Check
-            Of the pre-flight, by others than the playback.
+            Items of the pre-flight that the playback does not check itself.
 
         Raises
         ------
         PlanError
-            The reason why the vehicle cannot go back.
+            If the vehicle cannot go back; the message is the reason.
         """
         self._check_free()
         self._check_standing(now)
@@ -327,7 +327,7 @@ class Playback:
 
     @property
     def route_wanted(self) -> RouteRequest | None:
-        """What a route back is looked for; None while none is wanted."""
+        """Request for a route back; None while none is needed."""
         back, fence = self._back, self._fence
         if back is None or back.wanted is None:
             return None
@@ -338,12 +338,12 @@ class Playback:
         return RouteRequest(back.wanted, goal, radius, fence.ground, footprint)
 
     def follow(self, route: tuple[Arc, ...]) -> None:
-        """Take the route that was wanted; without one that is wanted any more, nothing is done.
+        """Take the requested route; ignored if it is no longer needed.
 
         Parameters
         ----------
         route : tuple of Arc
-            For the newest `route_wanted`.
+            Arcs of a route for the newest `route_wanted`.
         """
         if self._back is not None and self._back.wanted is not None:
             self._back.follow(route)
@@ -554,12 +554,12 @@ class Playback:
         return None if end == 0.0 or pose is None else LeadIn(pose, end, self.chassis)
 
     def _fence_of(self, plan: _Plan) -> Fence | None:
-        """What keeps the vehicle on the area of a plan; None without one."""
+        """Return the fence of a plan's area; None without an area."""
         rows = plan.schedule.time.size
         return self.parts.fence(plan.stamp, rows, needed=self.ground_needed)
 
     def _led(self, now: float) -> float:
-        """What the steering motor angle changes by on the line of the lead-in [rad]."""
+        """Return the correction of the steering motor angle on the lead-in's line [rad]."""
         lead_in, here = self._lead_in, self.watch.observed
         if lead_in is None or here is None or self.elapsed >= lead_in.end - 1e-6:
             self._lead_in = None
@@ -575,7 +575,7 @@ class Playback:
         return max(row, 0)  # a clock may step back a little
 
     def _fenced_out(self, schedule: Schedule, now: float, row: int) -> str:
-        """Where a stop would leave the area; empty while it does not."""
+        """Return where a stop would leave the area; empty if it would not."""
         if self._fence is None:
             return ""
         push = 0.0 if self.start_time is None else float(schedule.wheel_rate[row])

@@ -25,14 +25,15 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class StartRegion:
-    """Where a maneuver may begin: pose of `base_link` in the area's frame, from and to.
+    """Range of start poses: the pose of `base_link` in the area's frame.
 
     Attributes
     ----------
     x, y : (float, float)
-        Lowest and highest [m]; infinite: anywhere in the area.
+        Lowest and highest coordinate [m]; infinite: anywhere in the area.
     heading : (float, float)
-        From, and counter-clockwise to [rad]; a whole turn: any.
+        Range of headings, from the first counter-clockwise to the second [rad]; a whole
+        turn: any.
     """
 
     x: Span = (-math.inf, math.inf)
@@ -101,7 +102,7 @@ class Area:
         self._check_start()
 
     def _check_start(self) -> None:
-        """Refuse a start region of which nothing is on the ground."""
+        """Refuse a start region that lies wholly outside the ground."""
         import shapely  # only who reads an area needs it
 
         spans = np.array([self.start.x, self.start.y])

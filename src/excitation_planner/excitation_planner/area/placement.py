@@ -1,4 +1,4 @@
-"""Where on an area a maneuver begins, so that its tube keeps the largest distance to the border.
+"""Start pose of a maneuver on an area at which its tube keeps the largest distance to the border.
 
 p: poses tried, t: points of the tube's outline.
 """
@@ -69,11 +69,11 @@ def best_placement(
     Parameters
     ----------
     tube : shapely.Polygon or shapely.MultiPolygon
-        Of the maneuver, from its start pose.
+        Tube of the maneuver, seen from its start pose.
     area : Area
-        With the region of start poses.
+        Area, with the region of start poses.
     seed : int
-        Of the search.
+        Seed of the random search.
     enough : float
         Distance at which the search ends [m].
     """
@@ -108,19 +108,19 @@ def best_placement(
 
 
 def clearance_of(pieces: NDArray[np.object_], area: Area) -> float:
-    """Return the distance between polygons and what bounds an area [m].
+    """Return the smallest distance of polygons to the border and the keep-outs of an area [m].
 
     Parameters
     ----------
     pieces : ndarray of shapely.Polygon, shape (n,)
-        In the area's frame.
+        Polygons in the area's frame.
     area : Area
-        The ground.
+        Area whose keep_in and keep_out count.
 
     Returns
     -------
     clearance : float
-        Minus infinity where one reaches out.
+        Smallest distance [m]; minus infinity if a polygon is not wholly on the ground.
     """
     bounds = shapely.Polygon(area.keep_in)
     obstacles = np.array([shapely.Polygon(corners) for corners in area.keep_out], dtype=object)
@@ -137,9 +137,9 @@ def at_pose(tube: Pieces, x: float, y: float, heading: float) -> Pieces:
     Parameters
     ----------
     tube : shapely.Polygon, or ndarray of them
-        From its start pose.
+        Tube, seen from its start pose.
     x, y, heading : float
-        Start pose [m, m, rad].
+        Start pose in the area's frame [m, m, rad].
     """
     return shapely.transform(tube, lambda points: placed(points, x, y, heading))
 

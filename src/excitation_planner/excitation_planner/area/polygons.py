@@ -26,7 +26,7 @@ def signed_distance(points: FloatArray, rings: Rings) -> FloatArray:
     Parameters
     ----------
     points : ndarray of float, shape (..., 2)
-        Points [m].
+        Points, x and y [m].
     rings : sequence of ndarray of float, each of shape (n, 2)
         Outline and holes [m].
 
@@ -52,7 +52,7 @@ def contains(points: FloatArray, rings: Rings) -> NDArray[np.bool_]:
     Parameters
     ----------
     points : ndarray of float, shape (..., 2)
-        Points [m].
+        Points, x and y [m].
     rings : sequence of ndarray of float, each of shape (n, 2)
         Outlines and holes [m].
 
@@ -132,7 +132,7 @@ def rings_of(polygon: shapely.Polygon) -> tuple[FloatArray, ...]:
     Parameters
     ----------
     polygon : shapely.Polygon
-        Simple.
+        Polygon without self-intersections.
     """
     rings = (polygon.exterior, *polygon.interiors)
     return tuple(np.asarray(ring.coords)[:-1] for ring in rings)

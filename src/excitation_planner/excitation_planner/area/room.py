@@ -37,9 +37,9 @@ class Fit:
     placement : Placement
         Start pose with the largest clearance.
     drive, whole : shapely.Polygon
-        Of the maneuver's `Tube`, in the area's frame.
+        The parts `drive` and `whole` of the maneuver's `Tube`, in the area's frame.
     needed : float
-        Clearance that is asked for [m].
+        Clearance that is required [m].
     """
 
     placement: Placement
@@ -55,12 +55,12 @@ class Fit:
 
 @dataclass(frozen=True)
 class Room:
-    """What a maneuver has to fit.
+    """Area with the vehicle's footprint and position noise: what a maneuver must fit.
 
     Attributes
     ----------
     area : Area
-        The ground.
+        Ground, with its margin and start poses.
     footprint : ndarray of float, shape (m, 2)
         Corners of the vehicle in its body frame [m].
     position_std : float
@@ -84,9 +84,9 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
 
         Raises
         ------
@@ -116,9 +116,9 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
 
         Raises
         ------
@@ -134,9 +134,9 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
         place : Placement
             Start pose that is tried first, from `roughly_placed`.
 
@@ -159,14 +159,14 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
 
         Raises
         ------
         DoesNotFit
-            How much is lacking, `fit` says.
+            If the clearance is too small; `fit` returns by how much.
         InfeasibleManeuver
             If a vehicle of the ranges rolls over.
         """

@@ -16,7 +16,7 @@ def longest_stop(speed: FloatArray) -> FloatArray:
     Parameters
     ----------
     speed : ndarray of float
-        At its beginning [m/s].
+        Speed at the beginning of the stop [m/s].
     """
     longest: FloatArray = np.max([stopping_distance(cause, speed) for cause in Cause], axis=0)
     return longest

@@ -68,7 +68,7 @@ def footprint_of(vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     vehicle : Vehicle
-        Its body frame is that of the corners.
+        Vehicle; the corners are in its body frame.
     """
     wheels = [vehicle.of(wheel) for wheel in vehicle.wheels]
     front = max(wheel.x + wheel.tyre_radius for wheel in wheels)
@@ -124,16 +124,16 @@ def tube_of(
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     commands : Commands
-        Of the maneuver.
+        Commands of the maneuver.
     footprint : ndarray of float, shape (m, 2)
         Corners in the body frame [m].
     rough : bool
         Whether a part of the tube is enough that takes less time: that of the first `LANES`
         vehicles, at `ROUGH_EVERY` and `ROUGH_STOP_EVERY`.
     seed : int
-        Of the vehicles drawn.
+        Seed of the vehicles drawn from the ranges.
 
     Raises
     ------
@@ -202,9 +202,9 @@ def crawl_curvature(vehicle: Vehicle, angle: FloatArray) -> FloatArray:
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of steering.
+        Vehicle with its steering linkage.
     angle : ndarray of float
-        Of the steering motor [rad].
+        Steering motor angle [rad], left positive.
     """
     return np.interp(angle, *_curvatures(vehicle))
 

@@ -50,11 +50,11 @@ def difference_points(
     draws : int
         Number of draws.
     seed : int
-        Of the draws.
+        Seed of the draws.
     prior : BoxPrior, optional
-        Drawn from; None: uniform.
+        Distribution that is drawn from; None: uniform.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
     """
     base = sobol_sequence(draws, k, seed=seed)
     if prior is not None:
@@ -102,13 +102,13 @@ def information(
     Parameters
     ----------
     U : ndarray of float, shape (draws (k + e + 1), k + e)
-        From `difference_points`.
+        Points from `difference_points`.
     Y : ndarray of float, shape (draws (k + e + 1), t, c)
-        Trajectories there.
+        Trajectories at these points.
     noise : TrajectoryNoise
-        Of the measurement.
+        Noise of the measurement.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
     """
     axes = U.shape[1]
     k = axes - beside.own  # of which the information is returned
@@ -211,7 +211,7 @@ def posterior_covariance(
     prior : BoxPrior, optional
         What was known before; None: uniform.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
     """
     k = F.shape[-1] - beside.shared
     known = np.eye(F.shape[-1])
@@ -239,9 +239,9 @@ def information_costs(
     covariance : ndarray of float, shape (draws, k, k)
         Posterior covariances.
     criterion : Criterion
-        C, D or A.
+        Criterion: C, D or A.
     target : int or None
-        Axis of the target, for C.
+        Index of the parameter to excite, for C.
     """
     if criterion is Criterion.C:
         costs: FloatArray = covariance[:, target, target]

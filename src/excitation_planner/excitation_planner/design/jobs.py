@@ -261,7 +261,7 @@ _Returned = tuple[Sequence[JobT], int, Future[_Done[ResultT]]]
 
 
 def _workers_of(executor: Executor) -> int:
-    """Return how many workers an executor has; 0: it does not tell, or they are threads."""
+    """Return the number of workers of an executor; 0 if unknown, or if they are threads."""
     if isinstance(executor, ThreadPoolExecutor):
         return 0  # to which nothing is sent
     if _is_of_dask(executor):

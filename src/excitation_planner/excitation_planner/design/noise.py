@@ -54,7 +54,7 @@ class TrajectoryErrorNoise:
 
 @dataclass(frozen=True)
 class TrajectoryNoise:
-    """What is unknown about a measured trajectory besides the parameters of the vehicle.
+    """Noise of a measured trajectory, and its further unknowns: start pose, clocks, offsets.
 
     Attributes
     ----------
@@ -65,13 +65,13 @@ class TrajectoryNoise:
     period : float
         Time between trajectory points [s].
     start_position_std, start_heading_std : float
-        Uncertainty of the start pose [m per axis, rad]; 0: known exactly. Channels 0 and 1 are
-        then x and y [m].
+        Standard deviation of the start pose [m per axis, rad]; 0: known exactly. Channels 0
+        and 1 are then x and y [m].
     heading_channel : int, optional
         Channel that is the heading [rad] and turns with the start pose.
     delay_std : float
-        Uncertainty of the clock of the start pose's channels, and of that of each further channel,
-        relative to the maneuver's [s]; 0: exact.
+        Standard deviation of the clock offset of the start pose's channels, and of each
+        further channel, relative to the maneuver's clock [s]; 0: exact.
     bias_std : float or tuple of float
         Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
         One for all of them, or one each.
@@ -162,20 +162,21 @@ class MeasurementNoise:
     heading_std : float
         White noise of the measured heading [rad]; 0: it is not measured.
     pose_rate : float
-        Of position and heading [Hz].
+        Sampling rate of position and heading [Hz].
     yaw_rate_std : float
         White noise of a yaw-rate gyro [rad/s]; 0: there is none.
     gyro_rate : float
-        Of the gyro [Hz].
+        Sampling rate of the gyro [Hz].
     wheel_speed_std : float
         White noise of the rear wheel's speed [rad/s]; 0: it is not measured.
     wheel_rate : float
-        Of the wheel speed [Hz]. Identification counts rounded readings of a second as one.
+        Sampling rate of the wheel speed [Hz]. Identification counts rounded readings of a
+        second as one.
     drift_std, drift_time : float
         Standard deviation [m] and correlation time [s] of a slow drift of the position.
     start_position_std, start_heading_std : float
-        Uncertainty of the start pose [m per axis, rad]. A design for a start pose that is known
-        exactly (0) is a poor one when it is not.
+        Standard deviation of the start pose [m per axis, rad]. A design for a start pose
+        that is known exactly (0) is a poor one when it is not.
 
     Raises
     ------
@@ -211,7 +212,7 @@ class MeasurementNoise:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What is measured, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
+        """Measured channels, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
         measured = {
             "yaw": self.heading_std,
             "yaw_rate": self.yaw_rate_std,

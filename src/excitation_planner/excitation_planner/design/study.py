@@ -1,4 +1,4 @@
-"""The study, a design by ask and tell: for those whose simulator is elsewhere.
+"""The study: a design by ask and tell, for simulators outside of this process.
 
 E.g. in Simulink or on a test track.
 
@@ -60,11 +60,11 @@ class Proposal:
     point : int
         Number of the maneuver.
     samples : tuple of int, length q
-        Numbers of its simulations still to be run.
+        Numbers of the simulations of this maneuver that are still to be run.
     x : ndarray (l,)
         Operation parameters.
     P : ndarray (q, k + e)
-        Unknown parameters, and what is beside them.
+        Unknown parameters, followed by the nuisance parameters.
     """
 
     point: int
@@ -79,7 +79,7 @@ class Study:
     Parameters
     ----------
     store : Store
-        Of the simulations.
+        Store of the simulations.
     """
 
     def __init__(self, store: Store) -> None:
@@ -105,7 +105,7 @@ class Study:
         seed: int = 0,
         search: Search | str = Search.ADAPTIVE,
     ) -> Self:
-        """Begin a study in a directory; what is meant is that of `design_excitation`.
+        """Begin a study in a directory; its arguments are those of `design_excitation`.
 
         Parameters
         ----------
@@ -118,15 +118,16 @@ class Study:
         criterion : Criterion or str
             What is minimised. H needs a number per simulation, C, D and A its trajectory.
         noise_variance : float or TrajectoryErrorNoise
-            For H: V_n.
+            For H: variance V_n that noise gives to the output.
         trajectory_noise : TrajectoryNoise
-            For C, D and A.
+            For C, D and A: noise of the trajectory.
         samples : int
             Runs per maneuver during the search for H.
         prior : BoxPrior, optional
-            For C, D and A: what earlier drives have taught; None: uniform.
+            For C, D and A: knowledge from earlier drives; None: uniform.
         beside : BesideParameters
-            For C, D and A: e inputs after the k parameters.
+            For C, D and A: the e uncertain inputs (nuisance parameters) after the k
+            parameters.
         draws : int
             For C, D and A: parameter values over which the criterion is averaged.
         budget : int
@@ -139,7 +140,7 @@ class Study:
         Raises
         ------
         DesignError
-            A directory that holds a study, or a problem that is none.
+            If the directory holds a study, or the problem is not valid.
         ReportError
             If trajectories are wanted and pyarrow is not installed.
         """

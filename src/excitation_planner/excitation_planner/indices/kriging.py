@@ -186,11 +186,11 @@ class Kriging:
         y : ndarray of float, shape (n,)
             Outputs.
         length_scale : ndarray of float, shape (k,)
-            In units of the inputs.
+            Length scales, in units of the inputs.
         amplitude : ndarray of float, shape (2, k)
             Coefficients of the amplitude.
         nugget : float
-            As a share of the process variance.
+            Nugget variance, as a share of the process variance.
         """
         self.length_scale_, self.amplitude_, self.nugget_ = length_scale, amplitude, nugget
         self.X_train_ = X
@@ -269,7 +269,7 @@ def amplitudes(U: FloatArray, amplitude: FloatArray) -> FloatArray:
     U : ndarray of float, shape (n, k)
         Points.
     amplitude : ndarray of float, shape (2, k)
-        Its coefficients.
+        Coefficients of the amplitude.
     """
     t = 2.0 * U - 1.0
     found: FloatArray = np.exp(t @ amplitude[0] + t**2 @ amplitude[1])

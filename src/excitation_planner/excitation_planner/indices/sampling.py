@@ -100,7 +100,7 @@ def corners(dimensions: int, *, seed: int) -> FloatArray:
     dimensions : int
         Number k of axes.
     seed : int
-        Of the choice.
+        Seed of the random choice.
     """
     if dimensions <= 4:
         numbers = np.arange(2**dimensions)[:, None]

@@ -50,9 +50,9 @@ class Sensitivity(Indices):
     leave_one_out_q2 : float
         Share of the output's variance that the metamodel predicts at samples left out.
     simulations : int
-        Samples simulated.
+        Number of samples simulated.
     failed : int
-        Those of them that gave NaN or infinity and were left out.
+        Number of samples that gave NaN or infinity and were left out.
     """
 
     names: tuple[str, ...]
@@ -202,7 +202,7 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
     Parameters
     ----------
     f : callable
-        Simulator.
+        Simulator f(x, P).
     P : ndarray of float, shape (n, k)
         Unknown parameters.
     """
@@ -251,9 +251,9 @@ def sensitivity_of_outputs(
     U : ndarray of float, shape (n, k)
         Points of the unit box.
     m : ndarray of float, shape (n,)
-        Outputs there; NaN where failed.
+        Outputs at these points; NaN where the simulation failed.
     start : Kriging, optional
-        As of `fit_metamodel`.
+        Model with hyperparameters to start from, as in `fit_metamodel`.
 
     Raises
     ------
@@ -326,9 +326,9 @@ def sensitivity_of_model(
     model : Kriging
         Metamodel on the unit box.
     indices : Indices
-        Of the metamodel.
+        Sobol' indices of the metamodel.
     failed : int
-        Samples that were left out.
+        Number of samples that were left out.
     """
     count = min(_FOLDS, len(model.X_train_))
     fold = np.arange(len(model.X_train_)) % count

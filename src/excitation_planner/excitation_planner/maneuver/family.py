@@ -133,20 +133,20 @@ class ManeuverFamily(Protocol):
         x : ndarray of float, shape (l,)
             Operation parameters.
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         ...
 
 
 def path_point(vehicle: Vehicle) -> float:
-    """Return where on the vehicle the point is that follows paths [m], ahead of its COM.
+    """Return how far ahead of the COM the point lies that follows paths [m].
 
     It is the middle of the axle that is not steered: on most vehicles the rear one.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With its wheels.
+        Vehicle with its wheels.
     """
     return vehicle.axle_x(next(wheel.axle for wheel in vehicle.wheels if not wheel.steered))
 
@@ -200,9 +200,9 @@ def operation_point(family: ManeuverFamily, values: Mapping[str, float]) -> Floa
     Parameters
     ----------
     family : ManeuverFamily
-        Has the names and ranges.
+        Family with the names and ranges of the operation parameters.
     values : mapping of str to float
-        By name.
+        Value of each operation parameter.
 
     Raises
     ------

@@ -51,7 +51,7 @@ class RangedFamily:
         x : ndarray of float, shape (l,)
             Operation parameters.
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         own = len(self.family.operation)
         values = dict(zip(self.operation.names[own:], x[own:].tolist(), strict=True))
@@ -96,14 +96,14 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
     Parameters
     ----------
     path : Path
-        File.
+        YAML file.
 
     Raises
     ------
     PlanError
-        If it holds anything else; names the entry.
+        If the file holds anything else; the message names the entry.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     content = read_bounded(path, MAX_BYTES, "a file of ranges", PlanError)
     document = parse_yaml(content, str(path), PlanError)

@@ -119,23 +119,23 @@ class FittingSearch:
     vehicle : Vehicle
         With the ranges of its k unknown parameters.
     family : ManeuverFamily
-        Of the maneuvers.
+        Family of the maneuvers.
     room : Room
-        What they have to fit.
+        Area, footprint and position noise that the maneuvers must fit.
     criterion : Criterion
-        C, D or A.
+        Criterion: C, D or A.
     target : int
-        Axis of the target, for C.
+        Index of the parameter to excite, for C.
     noise : MeasurementNoise
         How the drive will be measured.
     prior : BoxPrior, optional
-        What is known before; None: uniform.
+        Knowledge of the parameters before the drive; None: uniform.
     effects : sequence of Effect
-        Beside the parameters.
+        Effects that are unknown besides the parameters.
     seed : int
-        Of the maneuvers tried, and of the vehicles that judge.
+        Seed of the maneuvers tried, and of the vehicles that evaluate them.
     simulations : int
-        Taken so far.
+        Number of simulations so far.
     """
 
     vehicle: Vehicle
