@@ -38,16 +38,16 @@ class FmuSimulator:
     def __call__(
         self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0
     ) -> "FmuBatch":
-        """Return what drives samples of a vehicle by commands.
+        """Return the batch that simulates samples of a vehicle with the commands.
 
         Parameters
         ----------
         vehicle : Vehicle
             Its unknown parameters are those of the samples; others of the mapping have its values.
         commands : Commands
-            Each held until the next, slewed as the boards do.
+            Commands, each held until the next, slewed as the boards do.
         setpoint : float
-            Of the speed before the first command [m/s].
+            Speed set-point before the first command [m/s].
 
         Raises
         ------
@@ -58,30 +58,30 @@ class FmuSimulator:
 
 
 class FmuBatch:
-    """One history of commands on any samples of a vehicle that is an FMU.
+    """One sequence of commands for any samples of a vehicle that is an FMU.
 
     Parameters
     ----------
     file : Path
-        The mapping.
+        Path of the mapping file.
     vehicle : Vehicle
-        As of `FmuSimulator`.
+        Vehicle, as in `FmuSimulator`.
     commands : Commands
-        As of `FmuSimulator`.
+        Commands, as in `FmuSimulator`.
     setpoint : float
-        As of `FmuSimulator`.
+        Speed set-point before the first command [m/s].
 
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Of all columns [s].
+        Times of all columns [s].
     available : tuple of str
         Every column that can be recorded.
 
     Raises
     ------
     PlantError
-        As of `FmuSimulator`.
+        As `FmuSimulator`.
     """
 
     available = COLUMNS
@@ -121,25 +121,26 @@ class FmuBatch:
         faster: FloatArray | None = None,
         steered: FloatArray | None = None,
     ) -> Run:
-        """Drive samples from the origin, heading +x, to the end of the commands.
+        """Simulate samples from the origin, heading +x, to the end of the commands.
 
         Parameters
         ----------
         parameters : ndarray of float, shape (n, k)
             Values of the vehicle's unknown parameters in its order.
         columns : sequence of str
-            Of `COLUMNS`.
+            Columns to record, from `COLUMNS`.
         speed : ndarray of float, shape (n,), optional
-            At which the vehicles roll at the start [m/s], if the mapping has `start_speed`; by
-            default they are at rest.
+            Speed at which the vehicles roll at the start [m/s], if the mapping has
+            `start_speed`; by default they are at rest.
         steering_delay : ndarray of float, shape (n,), optional
-            By which each servo hears of its set-point later [s]; default: not at all.
+            Additional delay of each servo's set-point [s]; default: none.
         drive_delay : float
-            By which the motor hears of its set-point later [s].
+            Additional delay of the motor's set-point [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s]; default: none.
         steered : ndarray of float, shape (n, t), optional
-            Angle that is added to each servo's set-point [rad], heard later like it; default: none.
+            Angle that is added to each servo's set-point [rad], with the same delay;
+            default: none.
 
         Raises
         ------
@@ -188,7 +189,7 @@ class FmuBatch:
         return self._columns({name: np.array([row[name] for row in rows]) for name in rows[0]})
 
     def _columns(self, told: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return the columns from what the FMU told, each (t,)."""
+        """Return the columns from the FMU's outputs, each (t,)."""
         heading = np.unwrap(told["heading"])
         c, s = np.cos(heading[0]), np.sin(heading[0])
         dx, dy = told["x"] - told["x"][0], told["y"] - told["y"][0]

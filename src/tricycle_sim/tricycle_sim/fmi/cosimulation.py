@@ -30,25 +30,28 @@ class Fmu:
     Parameters
     ----------
     mapping : FmuMapping
-        From `load_mapping`.
+        Mapping, from `load_mapping`.
     units : mapping of str to str, optional
         Unit of each parameter of the caller; those that the mapping lacks are left out.
 
     Attributes
     ----------
     mapping : FmuMapping
-        Of the FMU.
+        Mapping of our quantities to the FMU's variables.
     places : dict
-        By part of the mapping and name: type, value reference, our value by the FMU's.
+        By part of the mapping and name: type, value reference, and factor from the FMU's
+        unit to ours.
     readings : dict
-        By type: names of outputs, their value references, our values by the FMU's.
+        By type: names of outputs, their value references, and factors from the FMU's units
+        to ours.
     only_once : bool
         Whether a process can have one instance of it at a time.
 
     Raises
     ------
     PlantError
-        In one line: no FMU, not for co-simulation, no such variable, wrong unit or causality.
+        If it is not an FMU, not for co-simulation, or lacks a variable, or one has a wrong
+        unit or causality.
     """
 
     def __init__(self, mapping: FmuMapping, units: Mapping[str, str] | None = None) -> None:
@@ -95,7 +98,7 @@ class Fmu:
         return self._variables[name]
 
     def _kind(self, found: Any) -> str:
-        """Return the type by which a variable is read and written."""
+        """Return the type with which a variable is read and written."""
         if found.type == "Enumeration":
             return "Integer" if self._description.fmiVersion.startswith("2") else "Int64"
         return str(found.type)
@@ -161,9 +164,9 @@ class Instance:
     Parameters
     ----------
     fmu : Fmu
-        Of which it is.
+        FMU that runs.
     parameters : mapping of str to float
-        As of `Fmu.start`.
+        Values of the parameters, as in `Fmu.start`.
     """
 
     def __init__(self, fmu: Fmu, parameters: Mapping[str, float]) -> None:
@@ -195,7 +198,7 @@ class Instance:
 
     @property
     def _running(self) -> Any:
-        """What FMPy has of the FMU; calling one that has ended would crash the process."""
+        """FMPy's instance; raises once it has ended, as calling it would crash the process."""
         if self._slave is None:
             raise PlantError(f"{self._where}: has ended")
         return self._slave

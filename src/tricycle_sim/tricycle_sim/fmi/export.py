@@ -171,7 +171,7 @@ def fmu_parameters(vehicle: Vehicle) -> tuple[str, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws decide.
     """
     entries = constant_entries(vehicle.wheels, vehicle.parts)
     steering = steering_constants(vehicle, TICK)

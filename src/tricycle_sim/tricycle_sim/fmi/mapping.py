@@ -62,11 +62,11 @@ class Variable:
     Attributes
     ----------
     variable : str
-        Its name.
+        Name of the variable in the FMU.
     unit : str, optional
-        In which the FMU has it; by default the one that its description names, or ours.
+        Unit of the variable in the FMU; by default the one in its description, or ours.
     scale : float
-        Our value is the FMU's, in our unit, times this.
+        Factor: our value is the FMU's, converted to our unit, times this.
     """
 
     variable: str
@@ -83,15 +83,15 @@ class FmuMapping:
     fmu : str
         Path of the FMU, from the mapping file's folder.
     inputs, outputs : mapping of str to Variable
-        By our quantity.
+        Variables by our quantity.
     parameters : mapping of str to Variable
-        By parameter of our vehicle file, or of the caller.
+        Variables by parameter of our vehicle file, or of the caller.
     start_values : mapping of str to float or bool
-        Of further variables of the FMU, in its units.
+        Values of further variables of the FMU, in its units.
     step : float
         Communication step [s].
     folder : str
-        Of the mapping file.
+        Folder of the mapping file.
     """
 
     fmu: str
@@ -141,12 +141,12 @@ def load_mapping(path: Path) -> FmuMapping:
     Parameters
     ----------
     path : Path
-        YAML.
+        YAML file.
 
     Raises
     ------
     PlantError
-        In one line what does not fit: file, entry, what would be right.
+        If something does not fit; the message names file, entry, and what would be right.
     """
     content = read_bounded(path, _LIMIT, "mapping of an FMU", PlantError)
     values: Any = parse_yaml(content, str(path), PlantError)

@@ -29,11 +29,12 @@ def fmu_plant(
     Parameters
     ----------
     vehicle : Vehicle
-        What boards and planner know of it; gives values to the parameters of the mapping.
+        Vehicle as boards and planner know it; its values are those of the mapping's
+        parameters.
     seed : int
-        Not used.
+        Not used: nothing is random.
     file : Path
-        The mapping.
+        Path of the mapping file.
 
     Raises
     ------
@@ -53,11 +54,12 @@ class FmuPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        What boards and planner know of it; gives values to the parameters of the mapping.
+        Vehicle as boards and planner know it; its values are those of the mapping's
+        parameters.
     mapping : FmuMapping
-        Of its quantities to the FMU's.
+        Mapping of our quantities to the FMU's variables.
     file : Path
-        That the mapping is from, for the messages.
+        Path of the mapping file, for messages.
 
     Raises
     ------

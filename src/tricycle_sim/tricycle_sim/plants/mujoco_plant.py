@@ -54,7 +54,7 @@ class MujocoPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     seed : int
         Not used: nothing is random.
 

@@ -11,7 +11,7 @@ class OwnPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     seed : int
         Not used: nothing is random.
     """

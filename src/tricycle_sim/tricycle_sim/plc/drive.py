@@ -68,7 +68,7 @@ _SIGNS = {Gear.DRIVE: 1, Gear.REVERSE: -1, Gear.NEUTRAL: 0}
 
 @dataclass(frozen=True)
 class DriveMeasurement:
-    """What the drive PLC's inputs see.
+    """Inputs of the drive PLC.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class DriveMeasurement:
 
 @dataclass(frozen=True)
 class DriveOutput:
-    """What the drive PLC does to the rear wheel.
+    """Outputs of the drive PLC to the rear wheel.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class DriveOutput:
     setpoint : float
         Slewed and limited speed in m/s, forward positive.
     brake : float
-        0 (released) to 1 (full).
+        Brake command, 0 (released) to 1 (full).
     """
 
     motor_on: bool

@@ -102,7 +102,7 @@ class PlcPair(Closing):
         Parameters
         ----------
         board : Board
-            The board.
+            Board that is rebooted.
         cause : ResetCause
             Cause that its HELLO_ACK gives.
         """
@@ -134,7 +134,7 @@ class PlcPair(Closing):
         Parameters
         ----------
         board : Board
-            The board.
+            Board that is frozen.
         stalled : bool
             False lets it run again.
         """

@@ -52,7 +52,7 @@ class PtyPort(Closing):
 
     @property
     def path(self) -> Path:
-        """What the host opens."""
+        """Path that the host opens."""
         return self._link or self._device
 
     def fileno(self) -> int:

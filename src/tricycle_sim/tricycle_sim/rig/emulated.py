@@ -17,7 +17,7 @@ class EmulatedRig(PlcRig):
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional

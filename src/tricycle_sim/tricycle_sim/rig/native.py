@@ -17,7 +17,7 @@ class NativeRig(PlcRig):
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     build : Path
         Directory of the libraries: `make -C firmware host`.
     faults : FaultPlan
@@ -28,7 +28,7 @@ class NativeRig(PlcRig):
     Raises
     ------
     LinkError
-        If they are not there.
+        If the files of the build are missing.
     """
 
     def __init__(

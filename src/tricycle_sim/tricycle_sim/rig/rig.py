@@ -1,4 +1,4 @@
-"""What every rig is: vehicle, steer board and drive board on one clock."""
+"""Base of all rigs: vehicle, steer board and drive board on one clock."""
 
 import dataclasses
 import math
@@ -24,14 +24,14 @@ _CABLE = {Board.STEER: FaultKind.STEER_CABLE, Board.DRIVE: FaultKind.DRIVE_CABLE
 
 
 class Rig(Closing):
-    """Vehicle, steer board and drive board on one clock that `step` moves on by 10 ms.
+    """Vehicle, steer board and drive board on one clock; `step` advances it by 10 ms.
 
     Bytes in, bytes and states out; ports, wall clock and topics belong to the node that owns it.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
@@ -62,7 +62,7 @@ class Rig(Closing):
 
     @property
     def host_time(self) -> float:
-        """What the host's clock reads in s: `time`, and its steps."""
+        """Reading of the host's clock [s]: `time` and the clock's steps."""
         return self.time + self._faults.get(FaultKind.HOST_CLOCK, 0.0)
 
     @property
@@ -112,7 +112,7 @@ class Rig(Closing):
 
     @property
     def active_faults(self) -> set[FaultKind]:
-        """What fails at `time`."""
+        """Kinds of the faults that act at `time`."""
         return set(self._faults)
 
     def plugged(self, board: Board) -> bool:

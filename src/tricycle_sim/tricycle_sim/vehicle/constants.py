@@ -57,20 +57,21 @@ class Vehicle:
     Attributes
     ----------
     name : str
-        Of the vehicle.
+        Name of the vehicle.
     values : mapping of str to float
         Every constant by its entry in a vehicle file: `mass`, `front.cornering_stiffness`.
     unknown : mapping of str to (float, float)
         Range of each unknown parameter.
     parts : mapping of str to str
-        Laws that are not the default, by part.
+        Law of each part that does not have the default law.
     wheels : tuple of Wheel
-        Three or four, in their order everywhere.
+        The three or four wheels, in the order used everywhere.
 
     Raises
     ------
     VehicleError
-        Naming the first entry that is missing, unknown to the vehicle or out of its range.
+        If an entry is missing, unknown to the vehicle or out of its range; the message
+        names the first.
     """
 
     name: str
@@ -282,19 +283,19 @@ class Vehicle:
 
 
 def constant_entries(wheels: tuple[Wheel, ...], parts: Mapping[str, str]) -> dict[str, Constant]:
-    """Return what a vehicle file may hold, in the order of fingerprints.
+    """Return the entries that a vehicle file may have, in the order of fingerprints.
 
     Parameters
     ----------
     wheels : tuple of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
 
     Returns
     -------
     dict of str to Constant
-        By entry: `tyre_radius`, `front.tyre_radius`, `left.tyre_radius`.
+        Constants by entry: `tyre_radius`, `front.tyre_radius`, `left.tyre_radius`.
     """
     return _entries(wheels, tuple(parts.items()))
 
@@ -322,14 +323,14 @@ def _entries(wheels: tuple[Wheel, ...], parts: tuple[tuple[str, str], ...]) -> d
 
 
 def check_entry(name: str, entries: Mapping[str, Constant]) -> None:
-    """Raise a `VehicleError` unless a vehicle has a constant, saying what may be meant.
+    """Raise a `VehicleError` unless a vehicle has a constant; the message suggests one.
 
     Parameters
     ----------
     name : str
         Entry of a vehicle file.
     entries : mapping
-        From `constant_entries`.
+        Constants by entry, from `constant_entries`.
     """
     if name in entries:
         return
@@ -345,16 +346,16 @@ def check_entry(name: str, entries: Mapping[str, Constant]) -> None:
 def missing_entries(
     wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Iterable[str]
 ) -> list[str]:
-    """Return what a vehicle still needs, a message each.
+    """Return one message per constant that a vehicle file lacks.
 
     Parameters
     ----------
     wheels : tuple of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
     given : iterable of str
-        Entries that there are.
+        Entries that the vehicle has.
     """
     names = set(given)
     entries = constant_entries(wheels, parts)
@@ -389,18 +390,18 @@ def check_read(
     given: Iterable[str],
     told: Collection[str] | None = None,
 ) -> None:
-    """Raise a `VehicleError` for an entry of which every wheel has a more special one.
+    """Raise a `VehicleError` for an entry that no wheel reads, as each has a more specific one.
 
     Parameters
     ----------
     wheels : tuple of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
     given : iterable of str
-        Entries that there are, all of them of this vehicle.
+        All entries that the vehicle has.
     told : collection of str, optional
-        Those that have to be read; by default all.
+        Entries that must be read by a wheel; by default all.
     """
     names = set(given)
     looked_at = names if told is None else set(told)
@@ -430,14 +431,14 @@ def _entry_for(
 
 
 def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
-    """Return values of the unknown parameters by name, uniform in their ranges.
+    """Return random values of the unknown parameters by name, uniform in their ranges.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges.
+        Vehicle with the ranges of its unknown parameters.
     rng : Generator
-        Source of the values.
+        Random generator.
     """
     return {name: float(rng.uniform(low, high)) for name, (low, high) in vehicle.unknown.items()}
 

@@ -33,7 +33,7 @@ ENTRY_KEYS = ("value", "nominal", "range", "unit", "basis", "about")
 
 
 class Basis(enum.Enum):
-    """What a number of the vehicle file rests on."""
+    """Basis of a number in the vehicle file."""
 
     DATA = "data"  # measured or published for this vehicle
     ARGUED = "argued"  # our choice, with its reason

@@ -46,7 +46,7 @@ def advance_for(vehicle: Vehicle, *, own_commands: bool = False) -> Callable[...
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws decide.
     own_commands : bool
         As for `functions_for`.
     """
@@ -84,7 +84,7 @@ def page_locked(blocks: int, size: int) -> FloatArray:
     Parameters
     ----------
     blocks, size : int
-        Its shape.
+        Number of blocks and size of each: the shape of the array.
     """
     memory: FloatArray = cuda.pinned_array((blocks, size))
     return memory

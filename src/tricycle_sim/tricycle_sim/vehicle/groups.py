@@ -45,7 +45,7 @@ def motor_in_the_middle(vehicle: Vehicle, point: FloatArray | None = None) -> Fl
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of steering.
+        Vehicle with its steering linkage.
     point : ndarray of float, shape (k,), optional
         Values of `vehicle.unknown`, in its order; by default the nominal ones.
     """
@@ -116,18 +116,19 @@ def pack(
     Parameters
     ----------
     vehicle : Vehicle
-        Of which they are samples.
+        Vehicle of which the samples have the unknown parameters.
     parameters : ndarray of float, shape (n, k)
         Values of `vehicle.unknown`, in its order.
     start : Equilibrium
-        Of the vehicle. Where the parameters move it, every sample stands in its own.
+        Equilibrium of the vehicle. Where the parameters move it, every sample stands in its
+        own.
     speed : ndarray of float, shape (n,), optional
-        At which they roll straight on [m/s]; by default they are at rest.
+        Speed at which they roll straight on [m/s]; by default they are at rest.
 
     Returns
     -------
     ndarray of float, shape (ceil(n / LANES), ROWS * LANES)
-        Lanes beyond n repeat the last vehicle.
+        Groups; lanes beyond n repeat the last vehicle.
     """
     parameters = np.asarray(parameters, dtype=float)
     poses = np.array([start.pose])
@@ -153,14 +154,14 @@ def sample_values(vehicle: Vehicle, parameters: FloatArray) -> dict[str, Any]:
     Parameters
     ----------
     vehicle : Vehicle
-        Of which they are samples.
+        Vehicle of which the samples have the unknown parameters.
     parameters : ndarray of float, shape (n, k) or (k,)
         Values of `vehicle.unknown`, in its order.
 
     Returns
     -------
     dict of str to float or ndarray of float, shape (n,)
-        Arrays of the unknown ones.
+        Value of each constant; arrays for the unknown ones.
     """
     return {**vehicle.values, **dict(zip(vehicle.unknown, parameters.T, strict=True))}
 

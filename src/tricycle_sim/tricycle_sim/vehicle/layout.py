@@ -107,21 +107,21 @@ def states_of(wheels: int) -> int:
     Parameters
     ----------
     wheels : int
-        That it has.
+        Number of wheels.
     """
     return int(STATE.spin) + wheels * WHEEL_STATES
 
 
 def of_wheels(first: int, step: int, wheels: int) -> slice:
-    """Return the rows of a number of all wheels.
+    """Return the rows of a quantity of all wheels.
 
     Parameters
     ----------
     first : int
-        Row of the first wheel's.
+        Row of the quantity of the first wheel.
     step : int
         `WHEEL_STATES`, `WHEEL_EVALUATED` or `EVENT_ROWS`.
     wheels : int
-        That the vehicle has.
+        Number of wheels of the vehicle.
     """
     return slice(first, first + wheels * step, step)

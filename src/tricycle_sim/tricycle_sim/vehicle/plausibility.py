@@ -1,4 +1,4 @@
-"""What is physically impossible or doubtful about a vehicle whose constants are each in bounds."""
+"""Impossible or doubtful combinations of a vehicle's constants, each of them within its bounds."""
 
 import math
 from collections.abc import Iterator

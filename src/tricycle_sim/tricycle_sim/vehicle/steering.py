@@ -54,11 +54,11 @@ def ratio(constants: FloatArray, c: int, motor_angle: float) -> tuple[float, flo
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
         Where the linkage's constants start in it.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
 
     Returns
     -------
@@ -92,11 +92,11 @@ def axle(constants: FloatArray, c: int, angle: float) -> tuple[float, float, flo
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
         Where the constants of the geometry start in it.
     angle : float
-        Of the wheel about its king-pin [rad].
+        Angle of the wheel about its king-pin [rad].
     """
     return (
         -constants[c + _G.cosine] * math.sin(angle),
@@ -118,11 +118,11 @@ def parallel(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
         Where the linkage's constants start in it.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
 
     Returns
     -------
@@ -152,11 +152,11 @@ def ackermann(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
         Where the linkage's constants start in it.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
 
     Returns
     -------
@@ -219,9 +219,9 @@ def turned(
     linkage : compiled function
         Law of the linkage.
     constants : ndarray of float, shape (SIZE,)
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
     """
     scale = constants[BLOCK.geometry + _G.scale]
     left, right, left_slope, right_slope = linkage(
@@ -240,9 +240,9 @@ def road_angle_of(linkage: Any, motor_angle: float, constants: FloatArray) -> fl
     linkage : compiled function
         Law of the linkage.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
     constants : ndarray of float, shape (SIZE,)
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     """
     left, right, _, _ = turned(linkage, constants, motor_angle)
     sign = constants[BLOCK.geometry + _G.sign]
@@ -261,9 +261,9 @@ def motor_angle_of(linkage: Any, angle: float, constants: FloatArray) -> float:
     linkage : compiled function
         Law of the linkage.
     angle : float
-        On the road [rad].
+        Angle on the road [rad].
     constants : ndarray of float, shape (SIZE,)
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     """
     limit = constants[BLOCK.geometry + _G.limit]
     low, high = -limit, limit  # road_angle_of rises with the motor angle
@@ -338,7 +338,7 @@ def run_servo(
     setpoints : ndarray of float, shape (t,)
         Motor angle [rad] wanted during each tick; NaN: no servo pulse, the gear holds the angle.
     constants : ndarray of float, shape (SIZE,)
-        Of the steering, for the half step.
+        Constants of the steering for the half step; see `steering.BLOCK`.
     half_steps : int
         Half steps per tick.
     table : ndarray of float, shape (half_steps * t + 1, 8)

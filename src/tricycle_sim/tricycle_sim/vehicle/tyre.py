@@ -73,13 +73,13 @@ def vertical_load(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the tyre's constants of the vehicle start in `g`.
     radius : float
         Loaded radius [m].
     inverse_cosine : float
-        Of the lean.
+        Inverse of the cosine of the lean angle.
     rise : float
         Vertical speed of the contact point as carried by the hub [m/s].
     """
@@ -108,7 +108,7 @@ def slip_slopes(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the tyre's constants of the vehicle start in `g`.
     vx : float
@@ -134,13 +134,13 @@ def rolling_resistance(g: FloatArray, c: int, radius: float, load: float, rollin
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the tyre's constants of the vehicle start in `g`.
     radius : float
         Loaded radius [m].
     load : float
-        Of the wheel [N].
+        Load of the wheel [N].
     rolling : float
         Loaded radius times spin [m/s].
     """
@@ -172,15 +172,15 @@ def unlimited(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the law's constants of the vehicle start in `g`.
     load : float
-        Of the wheel [N].
+        Load of the wheel [N].
     kappa, alpha : float
         Relaxed slips, longitudinal and lateral.
     lean : float
-        Positive with the top to the left [rad].
+        Lean angle of the wheel [rad], positive with the top to the left.
     vx, slip_speed, vy : float
         As for `slip_slopes`.
     """
@@ -212,15 +212,15 @@ def linear(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the law's constants of the vehicle start in `g`.
     load : float
-        Of the wheel [N].
+        Load of the wheel [N].
     kappa, alpha : float
         Relaxed slips, longitudinal and lateral.
     lean : float
-        Positive with the top to the left [rad].
+        Lean angle of the wheel [rad], positive with the top to the left.
     vx, slip_speed, vy : float
         As for `slip_slopes`.
 
@@ -261,7 +261,7 @@ def fiala(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the law's constants of the vehicle start in `g`.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
@@ -319,7 +319,7 @@ def softened(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the law's constants of the vehicle start in `g`.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
@@ -387,7 +387,7 @@ def magic_formula(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
         Where the law's constants of the vehicle start in `g`.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
