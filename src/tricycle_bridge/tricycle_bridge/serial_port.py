@@ -50,7 +50,7 @@ class Received(NamedTuple):
     board : Board
         Board of the port.
     data : bytes
-        What arrived.
+        Received bytes.
     """
 
     board: Board

@@ -1,4 +1,4 @@
-"""What the launch files share. The only module that imports `launch`; only they import it."""
+"""Common part of the launch files. The only module that imports `launch`; only they import it."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -106,12 +106,12 @@ def _warn_of_misspelt(given: Iterable[str], known: Iterable[str]) -> None:
 
 
 def process(package: str, executable: str) -> dict[str, object]:
-    """Return the arguments of `Node` for a process that ends with the launch, also a killed one.
+    """Return arguments of `Node` for a process that ends with the launch, even a killed one.
 
     Parameters
     ----------
     package, executable : str
-        What to start.
+        Names of the package and its executable.
     """
     guard = LaunchConfiguration("launch-prefix", default=" ".join(ending_with_parent()))
     return {
@@ -133,7 +133,7 @@ class VehicleNodes:
     value : mapping
         Values of the launch arguments, those of `VEHICLE_ARGUMENTS` among them.
     remappings : tuple of (str, str)
-        Of the names of all nodes, besides those that its namespace needs.
+        Remappings of names in all nodes, besides those that the namespace needs.
     """
 
     config: str
@@ -146,14 +146,14 @@ class VehicleNodes:
         return str(self.value["namespace"]).strip("/")
 
     def node(self, package: str, executable: str, *parameters: Parameters, **more: object) -> Node:
-        """Return a node.
+        """Return the launch action of a node.
 
         Parameters
         ----------
         package, executable : str
-            What to start.
+            Names of the package and its executable.
         *parameters : dict
-            Besides those of the parameter file.
+            Parameters in addition to those of the parameter file.
         **more : object
             Further arguments of `Node`.
         """
@@ -169,7 +169,7 @@ class VehicleNodes:
         Parameters
         ----------
         *parameters : dict
-            Besides those of the parameter file.
+            Parameters in addition to those of the parameter file.
         """
         name = "tricycle_sim"
         return self.node(name, name, *parameters, on_exit=_shut_down_after(name))

@@ -29,7 +29,7 @@ class JointReading(NamedTuple):
     name : str
         One of `tricycle_core.joints.JOINTS`.
     position : float
-        Angle [rad].
+        Angle of the joint [rad].
     velocity : float
         Angular velocity [rad/s].
     """
@@ -113,7 +113,7 @@ class JointPairing:
         board : Board
             Board that measured it.
         reading : JointReading
-            What it measured.
+            Measured state of its joint.
         stamp : float
             Time of measurement on the host's clock [s].
         partner_up : bool

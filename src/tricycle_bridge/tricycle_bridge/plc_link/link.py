@@ -131,15 +131,15 @@ class LinkEvent(NamedTuple):
     Attributes
     ----------
     kind : LinkEventKind
-        What happened.
+        Kind of the event.
     text : str
         Text for a person; empty for TELEMETRY and OPERATION.
     operation : OperationOutcome or None
-        Of OPERATION.
+        For OPERATION: how the operation ended.
     state : SteerState or DriveState or None
-        Of TELEMETRY.
+        For TELEMETRY: state that the board reports.
     stamp : float
-        Time of measurement on the host's clock [s], of TELEMETRY.
+        For TELEMETRY: time of measurement on the host's clock [s].
     """
 
     kind: LinkEventKind
@@ -151,7 +151,7 @@ class LinkEvent(NamedTuple):
 
 @dataclass
 class LinkCounters:
-    """What happened on a link, host side; the decoder has counters of its own.
+    """Counters of a link on the host's side; the decoder has counters of its own.
 
     Attributes
     ----------
@@ -328,7 +328,7 @@ class PlcLink:
         Parameters
         ----------
         op : Op
-            The operation.
+            Operation, e.g. ARM.
         now : float
             Present time [s].
         """
@@ -351,7 +351,7 @@ class PlcLink:
         Parameters
         ----------
         data : bytes
-            What arrived, cut anywhere.
+            Received bytes; they may begin and end anywhere in a frame.
         now : float
             Time of arrival [s].
         """

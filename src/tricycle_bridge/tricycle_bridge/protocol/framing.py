@@ -40,7 +40,7 @@ class Frame(NamedTuple):
     Attributes
     ----------
     message : Message
-        Decoded payload.
+        Decoded message.
     board : Board
         PLC that sent or receives it.
     seq : int
@@ -60,22 +60,24 @@ class Frame(NamedTuple):
 
 @dataclass
 class DecoderCounters:
-    """What a decoder did with the segments between delimiters.
+    """Results of decoding the segments between delimiters.
 
     Attributes
     ----------
     ok : int
         Decoded frames.
     length : int
-        Too long, too short, or payload shorter than the message table says.
+        Segments that are too long or too short, or whose payload is shorter than in the
+        message table.
     cobs, crc : int
-        Damaged.
+        Segments with a COBS error, and with a wrong checksum.
     version : int
-        Another major version.
+        Frames of another major version.
     unknown : int
-        For another board, in the other direction, or an id that is not in the message table.
+        Frames for another board, in the other direction, or with an id that is not in the
+        message table.
     session : int
-        Another session.
+        Frames of another session.
     """
 
     ok: int = 0

@@ -24,7 +24,7 @@ def readable_fields(message: Message) -> dict[str, str]:
     Parameters
     ----------
     message : Message
-        Any message.
+        Message of any type.
 
     Examples
     --------
@@ -57,9 +57,9 @@ def readable_value(message: Message, name: str) -> str:
     Parameters
     ----------
     message : Message
-        Any message.
+        Message of any type.
     name : str
-        Of the field.
+        Name of the field.
     """
     meaning = meanings(type(message))[name]
     if not isinstance(meaning, Unit):

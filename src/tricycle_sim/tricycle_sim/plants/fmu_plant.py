@@ -175,7 +175,7 @@ class FmuPlant:
         return self._state(tick + 1)
 
     def _moving(self, before: Pose) -> PlanarMotion:
-        """Return velocities and accelerations: told by the FMU, else of the last tick."""
+        """Return velocities and accelerations: the FMU's outputs, or else by the last tick."""
         found, old = self._outputs, self._motion
         x, y, heading = self._pose()
         turned = math.remainder(heading - before[2], math.tau)
