@@ -99,7 +99,7 @@ class _Parser(argparse.ArgumentParser):
         return super()._get_value(action, text)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse a value that is none of the choices, with the one that is meant perhaps."""
+        """Refuse a value that is not one of the choices, and suggest the closest one."""
         known = [str(choice) for choice in action.choices or ()]
         if known and str(value) not in known and (close := get_close_matches(str(value), known, 1)):
             raise argparse.ArgumentError(

@@ -37,22 +37,23 @@ Answers = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Question:
-    """One thing that a vehicle file cannot do without.
+    """Question for a value that every vehicle file needs.
 
     Attributes
     ----------
     key : str
-        Of the answer.
+        Key of the answer.
     text : str
-        With the unit.
+        Text of the question, with the unit.
     default : str
-        The answer to an empty line; empty: there is none.
+        Answer if the line is empty; empty: there is no default.
     low, high : float
         Bounds of a number.
     choices : tuple of str
-        Of an answer that is no number; empty: any text where `low` is not below `high`.
+        Possible answers if it is not a number; empty: any text where `low` is not below
+        `high`.
     asked : callable
-        From the answers so far to whether it is asked.
+        Whether the question is asked, given the answers so far.
     like : str
         Key of an earlier answer, which is then the default.
     """
@@ -72,12 +73,12 @@ class Question:
         Parameters
         ----------
         line : str
-            What was typed.
+            Line that was typed.
 
         Raises
         ------
         VehicleError
-            If it is no answer, with what would be one.
+            If it is not an answer; the message says what would be one.
         """
         line = line.strip()
         if self.choices:
@@ -204,7 +205,7 @@ def from_answers(answers: Answers) -> str:
     Parameters
     ----------
     answers : mapping
-        From `ask`.
+        Answers by key, from `ask`.
     """
     wheels = _wheels(answers)
     laws = {part: answers[part] for part in PARTS if part in answers}
@@ -233,9 +234,9 @@ def from_file(source: str, name: str) -> str:
     Parameters
     ----------
     source : str
-        Path of the other one, or its name in `shipped_vehicles`.
+        Path of the other file, or its name in `shipped_vehicles`.
     name : str
-        Of the new vehicle.
+        Name of the new vehicle.
 
     Raises
     ------
@@ -272,7 +273,7 @@ class _Estimate(NamedTuple):
 
 
 class _Sized(NamedTuple):
-    """What several estimates rest on."""
+    """Sizes and loads on which several estimates are based."""
 
     wheels: tuple[Wheel, ...]
     load: Mapping[str, float]  # N, of each wheel of an axle

@@ -217,7 +217,7 @@ def patiently(path: object, ask: Callable[[], T]) -> T:
 
 
 def _first(error: BaseException) -> BaseException:
-    """What led to an error: fsspec calls a web server that cannot be reached a file not found."""
+    """Return the root cause: fsspec reports a server that cannot be reached as a missing file."""
     while isinstance(error, FileNotFoundError) and error.__cause__ is not None:
         error = error.__cause__
     return error

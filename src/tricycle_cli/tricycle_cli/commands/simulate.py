@@ -185,7 +185,7 @@ def _check_size(samples: int, commands: Commands) -> None:
 
 
 def _feasibility(feasibility: Feasibility) -> dict[str, Any]:
-    """What the drive asked for: why it is infeasible, and the worst of it with time and place."""
+    """Return why samples are infeasible, and the worst values with time and place."""
     return {
         "feasible": int(feasibility.feasible.sum()),
         "reasons": [

@@ -102,7 +102,8 @@ def run_new(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file is there already, there is nobody to ask, or the answers make no vehicle.
+        If the file exists, there is no terminal to ask at, or the answers do not make a
+        vehicle.
     """
     from tricycle_cli.new_vehicle import ask, from_answers, from_file
 
@@ -133,7 +134,7 @@ def run_export_fmu(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file is there already, or there is no C compiler.
+        If the file exists, or there is no C compiler.
     """
     from tricycle_sim.fmi.export import export_fmu
 

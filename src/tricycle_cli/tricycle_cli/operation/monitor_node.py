@@ -26,19 +26,20 @@ from tricycle_core.nodes import LATCHED
 
 
 class Monitor(Closing):
-    """A node that only listens, and keeps what it heard in its `dashboard`.
+    """A node that only listens, and keeps the newest messages in its `dashboard`.
 
     Parameters
     ----------
     domain : int
         ROS domain id.
     namespace : str
-        Of the tricycle; empty for the root. Its diagnostics are in it too, as launched.
+        Namespace of the tricycle; empty for the root. Its diagnostics are in it too, as
+        launched.
 
     Attributes
     ----------
     dashboard : Dashboard
-        What was heard.
+        Newest messages.
     """
 
     def __init__(self, *, domain: int, namespace: str = "") -> None:

@@ -10,12 +10,12 @@ FILES = (IDENTIFICATION, VEHICLE, REPORT, *(f"{name}.png" for name in FIGURES))
 
 
 def remove_older(folder: Path, written: Collection[str]) -> None:
-    """Remove the files of an earlier identification that this one has not written.
+    """Remove the files of an earlier identification that this one has not replaced.
 
     Parameters
     ----------
     folder : Path
-        Of the identification.
+        Folder of the identification.
     written : collection of str
         Names of the files that this one has written.
     """
