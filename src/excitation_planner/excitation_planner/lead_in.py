@@ -17,7 +17,7 @@ SHORTEST_DECAY = 0.7
 """... and the way that this takes at least [m]."""
 
 SMOOTHING_TIME = 0.1
-"""In which the steering takes up a correction [s]."""
+"""Time in which the steering takes up a correction [s]."""
 
 SHARPEST = 0.1
 """Largest curvature of a correction [1/m]."""

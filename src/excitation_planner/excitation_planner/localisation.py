@@ -10,13 +10,13 @@ from excitation_planner.preflight import Check
 from tricycle_core.diagnostics import Level
 
 JUMP = 0.3
-"""Distance between a pose and where its own velocity leads that is no noise [m]."""
+"""Distance between a pose and its prediction by the velocity that noise cannot explain [m]."""
 
 TURN_JUMP = 0.2
 """The same for the heading [rad]."""
 
 SHARE = 0.1
-"""The same, of the way or turn meanwhile: error of a measured velocity."""
+"""Additional distance, as a share of the way or turn meanwhile: error of a measured velocity."""
 
 WINDOW = 1.0
 """Time over which poses are compared with the velocity [s]."""

@@ -31,7 +31,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 
 SCHEMA = 3
-"""Of the file: docs/reference-files.md."""
+"""Version of the file format: docs/reference-files.md."""
 
 MAX_BYTES = 64_000_000
 """Largest file that is read; a plan of an hour has a tenth of this."""

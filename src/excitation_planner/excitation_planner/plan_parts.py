@@ -15,7 +15,7 @@ KEPT = 8
 """Paths, lead-ins and areas that are kept until the commands with the same stamp arrive."""
 
 AREA_PARTS = ("ground", "footprint", "planned_start", "twist")
-"""What a plan with an area comes with, each on a topic `maneuver/…`."""
+"""Messages that accompany a plan with an area, each on a topic `maneuver/…`."""
 
 
 class PlanParts:

@@ -56,8 +56,8 @@ class Reproduction:
         Parameters
         ----------
         name : str
-            Of the table or figure.
+            Name of the table or figure.
         progress : callable
-            Called with (work done, work in all).
+            Called with the amount of work done and of all.
         """
         return self._items[name](progress)

@@ -60,7 +60,7 @@ class BagSettings:
 
 
 LACKS = " lacks messages that the recorder lost: "
-"""Between a bag and what it lacks, in the answer of `~/stop`."""
+"""Text between the path of a bag and what it lacks, in the answer of `~/stop`."""
 
 
 @dataclass(frozen=True)

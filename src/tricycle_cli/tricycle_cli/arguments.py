@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tricycle_sim.vehicle import Vehicle
 
 BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, sftp://, ...)"
-"""What an argument that names a bag may be."""
+"""Help text of an argument that names a bag."""
 
 
 def bag_argument(text: str) -> Path:

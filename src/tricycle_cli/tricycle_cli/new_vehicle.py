@@ -168,7 +168,7 @@ QUESTIONS = (
     ),
     Question("battery_voltage", "voltage of the battery / V", "48", 1.0, 1000.0),
 )  # fmt: skip
-"""In the order in which they are asked."""
+"""Questions in the order in which they are asked."""
 
 
 def ask(read: Callable[[str], str], say: Callable[[str], None]) -> dict[str, Any]:
@@ -196,7 +196,7 @@ def ask(read: Callable[[str], str], say: Callable[[str], None]) -> dict[str, Any
 
 
 Entry = Mapping[str, Any]
-"""What stands behind a constant in a vehicle file."""
+"""Entry of a constant in a vehicle file."""
 
 
 def from_answers(answers: Answers) -> str:

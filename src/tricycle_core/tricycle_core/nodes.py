@@ -73,7 +73,7 @@ _KINDS = {
     "STRING_ARRAY": "a list of texts, as [a, b]",
     "DOUBLE_ARRAY": "a list of numbers with a point, as [0.0, 2.0]",
 }
-"""What a parameter of a type needs, by rclpy's names."""
+"""Kind of value that a parameter needs, by rclpy's name of its type."""
 
 
 class NotTheExecutors(CallbackGroup):

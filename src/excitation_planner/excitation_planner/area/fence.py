@@ -28,13 +28,13 @@ CREEP = 0.05
 """Speed below which a localisation's noise tells no direction [m/s]: the command does."""
 
 SPACING = 0.25
-"""Between the poses on a stop [m]; from tick to tick they move by far less."""
+"""Distance between the poses that are checked on a stop [m]; a tick moves them by far less."""
 
 ARC_SPACING = 0.25
-"""Between the ends of the arcs that are looked at while the wheels turn [m]."""
+"""Distance between the ends of the arcs that are checked while the wheels turn [m]."""
 
 MAX_ARCS = 16
-"""Of them, whatever their ends' distance."""
+"""Largest number of these arcs, whatever the distance of their ends."""
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from tricycle_core.quantities import FloatArray
 Pieces = TypeVar("Pieces", shapely.Polygon, NDArray[np.object_])
 
 HEADINGS = 24
-"""Of a whole turn, tried first."""
+"""Headings of a whole turn that are tried first."""
 
 PLACES = 12
-"""Along each side of the area's bounds, tried first at each heading."""
+"""Places along each side of the area's bounds that are tried first at each heading."""
 
 CANDIDATES = 60
 """Poses of these that are looked at closely: the best by the corners of the tube's hull alone."""
@@ -34,13 +34,13 @@ STARTS = 4
 """Poses of these from which the search goes on, by ever smaller random steps."""
 
 ROUNDS, STEPS = 9, 24
-"""Of that search, and poses tried in each from each start."""
+"""Rounds of that search, and poses tried in each from each start."""
 
 SPACING = 0.5
-"""Between points of outlines at which distances are looked at [m]."""
+"""Distance between the points of outlines at which distances are computed [m]."""
 
 ROUGH, FINE = 0.3, 0.05
-"""By which a tube is simplified for the first poses, and for the others [m]."""
+"""Tolerances by which a tube is simplified for the first poses, and for the others [m]."""
 
 
 @dataclass(frozen=True)

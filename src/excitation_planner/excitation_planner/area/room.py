@@ -17,7 +17,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
 DIRECTION_NOISE = 0.05
-"""By which the noisy direction of a slow vehicle moves the stop that the fence expects [m]."""
+"""Distance by which a slow vehicle's noisy direction moves the stop that the fence expects [m]."""
 
 
 ALLOWANCE = 0.3

@@ -48,16 +48,16 @@ SLOWEST = 0.02
 """Speed below which nothing is to be stopped [m/s]."""
 
 TOLERANCE = 0.01
-"""By which outlines are simplified, outwards [m]."""
+"""Tolerance by which outlines are simplified, outwards [m]."""
 
 BEYOND = 0.05
-"""By which the outline of a rough tube may reach beyond that of the whole one [m]."""
+"""Distance by which the outline of a rough tube may reach beyond that of the whole one [m]."""
 
 WHEEL_WIDTH = 0.1
-"""Of the tyre and what stands out beside it, each side [m]."""
+"""Width on either side of a wheel's middle: half a tyre and what stands out beside it [m]."""
 
 DIRECTIONS, ROUGH_DIRECTIONS = 64, 32
-"""In which the outermost points make a hull: it lacks a centimetre, that of a rough tube some."""
+"""Directions whose outermost points make a hull: it lacks 1 cm, that of a rough tube some cm."""
 
 _TURNS = np.array([-1.0, 0.0, 1.0]) * START_HEADING_TOLERANCE
 

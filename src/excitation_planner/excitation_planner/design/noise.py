@@ -17,7 +17,7 @@ STANDSTILL = 1.0
 """Time before the start that identification uses, too [s]: it tells start pose and gyro bias."""
 
 GYRO_BIAS_STD = 0.02
-"""Of a gyro's constant offset [rad/s]: the prior with which identification estimates it."""
+"""Standard deviation of a gyro's constant offset [rad/s]: identification's prior of it."""
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ SIMULATED = MeasurementNoise(
     wheel_speed_std=0.001,
     wheel_rate=1.0,
 )
-"""What the simulation measures unless its parameters are set.
+"""Measurement noise of the simulation unless its parameters are set.
 
 `joint_states` come at 100 Hz, rounded to 1 mm/s; identification counts those of a second as one.
 """

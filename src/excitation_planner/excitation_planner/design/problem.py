@@ -31,7 +31,7 @@ Simulator = Callable[[FloatArray, FloatArray], Trajectories]
 """f of x (l,) and P (n, k + e): outputs (n,), or trajectories."""
 
 Outcome = tuple[FloatArray, ...] | str
-"""What f gave at one x: outputs or trajectories of each maneuver; or why it is infeasible."""
+"""Result of f at one x: outputs or trajectories of each maneuver; or why it is infeasible."""
 
 NoiseVariance = float | Callable[[FloatArray], float]
 """V_n, or V_n as a function of the outputs (n,)."""

@@ -59,7 +59,7 @@ from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
 VERSION = 2
-"""Of the description in ``study.json``; 1 had the criterion H alone."""
+"""Version of the description in ``study.json``; 1 had the criterion H alone."""
 
 MAX_BYTES = 256_000_000
 """Largest file that is read; a result takes about 30 bytes."""

@@ -34,7 +34,7 @@ INDEX = re.compile(r"__index_level_\d+__")
 """Name of a column in which pandas writes the index of a table."""
 
 Told = dict[int, tuple[list[int], tuple[FloatArray, ...]]]
-"""By point: samples (q,), and their trajectories (q, t, c) in each maneuver."""
+"""Samples (q,) of each point, and their trajectories (q, t, c) in each maneuver."""
 
 
 def write_trajectories(

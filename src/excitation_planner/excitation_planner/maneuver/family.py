@@ -38,7 +38,7 @@ COMMAND_TICKS = 2
 """PLC ticks per command: 50 Hz."""
 
 ACCELERATION = 1.0
-"""Of the run-in's speed ramp [m/s²]."""
+"""Acceleration of the run-in [m/s²]."""
 
 SETTLING_TIME = 1.0
 """Time at cruise speed before the maneuver proper begins [s]."""

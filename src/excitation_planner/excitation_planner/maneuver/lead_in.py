@@ -29,13 +29,13 @@ STRAIGHT = 0.01
 From 0, or from where the vehicle drives straight: a steering that is mounted askew is steered back.
 """
 ANGLES = np.linspace(-0.3, 0.3, 7)
-"""Between which it is straight [rad]."""
+"""Steering motor angles between which the angle of straight driving is interpolated [rad]."""
 
 OPEN_LOOP = 0.2
 """Time between the end of the lead-in and the first steering of the maneuver proper [s]."""
 
 LONGEST = 100.0
-"""Straight that may be asked for [m]."""
+"""Longest straight that may be asked for [m]."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class LedInFamily:
     Attributes
     ----------
     family : ManeuverFamily
-        Gives the maneuvers.
+        Family whose maneuvers get a lead-in.
     length : float
-        Of the straight before the family's own run-in [m].
+        Length of the straight before the family's own run-in [m].
 
     Raises
     ------

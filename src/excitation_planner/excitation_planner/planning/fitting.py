@@ -69,7 +69,7 @@ MOVED = 0.6
 """Share of the operation parameters in which they differ from the best."""
 
 DISTANCES = (0.3, 0.1, 0.03, 0.01)
-"""Of the next points from all others on some axis, in ranges: one for each is chosen."""
+"""Distances of the next points from all others on some axis, in ranges: one point for each."""
 
 LEARNT = 3
 """Turns after which it is looked whether all vehicles of the ranges fit the best maneuver."""

@@ -56,7 +56,7 @@ ATTEMPTS = 4
 """Routes driven until the start counts as out of reach."""
 
 SHARE = 0.6
-"""Of the tolerances of a start within which the vehicle has arrived: the rest is for noise."""
+"""Share of a start's tolerances within which the vehicle has arrived: the rest is for noise."""
 
 
 @dataclass(frozen=True)

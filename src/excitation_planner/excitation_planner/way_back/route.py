@@ -43,10 +43,10 @@ PATHS = 400
 """Paths that are looked at in each search."""
 
 SPACING = 0.2
-"""Between the poses of a path that are looked at [m]."""
+"""Distance between the poses of a path that are checked [m]."""
 
 ALONG = 0.7
-"""Between the points of the border that are looked at: as a share of the footprint's width."""
+"""Distance between the points of the border that are checked, as a share of the vehicle's width."""
 
 
 @dataclass(frozen=True)

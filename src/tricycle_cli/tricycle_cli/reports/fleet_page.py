@@ -19,7 +19,7 @@ from tricycle_core.documents import replacing, write_whole
 from tricycle_core.quantities import FloatArray, with_deviation
 
 REPORT, DOCUMENT, FIGURE = FILES = "report.html", "fleet.json", "fleet.png"
-"""What `save_fleet` writes."""
+"""Names of the files that `save_fleet` writes."""
 WIDTH, HEIGHT, EDGE = 128, 36, 3  # of a sparkline, in its own units
 AHEAD = (
     4.0  # spreads of the population, or deviations of a vehicle, that a sparkline shows at least

@@ -6,7 +6,7 @@ from pathlib import Path
 IDENTIFICATION, VEHICLE, REPORT = "identification.json", "vehicle.yaml", "report.html"
 FIGURES = "trajectories", "residuals", "lack", "profiles"
 FILES = (IDENTIFICATION, VEHICLE, REPORT, *(f"{name}.png" for name in FIGURES))
-"""What an identification may write."""
+"""Names of the files that an identification may write."""
 
 
 def remove_older(folder: Path, written: Collection[str]) -> None:

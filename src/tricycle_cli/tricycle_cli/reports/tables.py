@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from parameter_identification.many_drives import ManyDrives
 
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
-"""Of the table of identified parameters."""
+"""Headings of the table of identified parameters."""
 
 NARROWEST = 80
 """Characters of a table: in a narrower terminal its lines are folded, but its numbers are whole."""

@@ -18,7 +18,7 @@ from tricycle_sim.vehicle.batch import Run
 from tricycle_sim.vehicle.constants import suggest_name
 
 COLUMNS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "drive_speed")
-"""What a batch can record."""
+"""Columns that a batch can record."""
 
 
 class FmuSimulator:

@@ -35,9 +35,9 @@ QUANTITIES = {
 }
 """Our quantities by name, with their units."""
 INPUTS = ("steering", "speed", "torque", "brake", "torque_mode")
-"""Those that go into an FMU; all others come out."""
+"""Quantities that go into an FMU; all others come out."""
 START = {"start_speed": "m/s", "start_speed_setpoint": "m/s"}
-"""Parameters that are none of the vehicle's: its speed at the start, and the set-point's."""
+"""Parameters that are not the vehicle's: its speed at the start, and the set-point's."""
 UNITS = {
     "rad": {"rad": 1.0, "deg": math.pi / 180.0},
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3},

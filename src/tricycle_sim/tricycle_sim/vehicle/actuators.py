@@ -89,7 +89,7 @@ GEARED: StepFormulas = {
 _D = numbered(GEARED)
 
 LONGEST_DELAY = 0.5
-"""Of a servo [s]; as many set-points are kept."""
+"""Longest delay of a servo [s]; set-points of this time are kept."""
 
 _LIMITS: Formulas = {
     "torque": lambda v: v.motor_torque,

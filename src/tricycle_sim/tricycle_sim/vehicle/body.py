@@ -27,7 +27,7 @@ ROAD_CONSTANTS = (
     between("road_grade", "rad", -0.5, 0.5, default=0.0),  # of the x axis above the horizontal
     between("road_bank", "rad", -0.5, 0.5, default=0.0),  # of the y axis above the horizontal
 )
-"""Of the road, a plane whose frame is the world's of all trajectories."""
+"""Constants of the road, a plane; its frame is that of all trajectories."""
 
 SHORTHANDS = {
     "com_to_front_axle": positive("com_to_front_axle", "m"),

@@ -28,9 +28,9 @@ logging.getLogger("numba.cuda").setLevel(logging.WARNING)  # it tells of every a
 warnings.filterwarnings("ignore", message=".*under-utilization")
 
 _THREADS = 64
-"""Of a block of the card; a whole number of groups. Fewer or more do not pay, up to 128."""
+"""Threads of a block of the card; a whole number of groups. Fewer or more do not pay, up to 128."""
 _OWN_ROWS = ROWS * LANES
-"""Of a thread's copy of its vehicle: laid out as a group of which it uses the first lane."""
+"""Rows of a thread's copy of its vehicle: a group of which it uses the first lane."""
 
 
 def is_there() -> bool:

@@ -35,7 +35,7 @@ from tricycle_sim.vehicle.registry import wheel_values
 SETTLE_STEPS = 8
 """Steps of Newton's method from a first guess to the pose at rest."""
 SETTLE_WIDTH = 1e-7
-"""Of the central differences in it [m, rad]."""
+"""Step of the central differences in that method [m, rad]."""
 _AT_REST = 1e-9  # m/s^2 and rad/s^2: a vehicle with smaller accelerations stands
 
 

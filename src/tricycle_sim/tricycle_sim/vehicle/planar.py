@@ -25,7 +25,7 @@ from tricycle_sim.vehicle.feasibility import Feasibility
 from tricycle_sim.vehicle.layout import LANES
 
 COLUMNS = "x", "y", "vx_world", "vy_world"
-"""Of a `CommandedBatch` that are recorded."""
+"""Columns of a `CommandedBatch` that are recorded."""
 FOR_CARD = 2048
 """Samples from which on a graphics card is thought of."""
 

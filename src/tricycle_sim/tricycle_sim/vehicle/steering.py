@@ -32,7 +32,7 @@ CONSTANTS = (
     # share of the limit that plans keep free
     between("steering_margin", "1", 0.0, 0.5, default=0.05, setting=True),
 )
-"""What every linkage has."""
+"""Constants of every linkage."""
 
 GEOMETRY: Formulas = {
     "limit": lambda v: v.steering_limit,
@@ -42,8 +42,9 @@ GEOMETRY: Formulas = {
     "sign": lambda v: v.steering_sign,
     "scale": lambda v: v.steering_scale,
 }
-"""Of every linkage: largest motor angle, caster angle of the king-pins, angle added to the motor's,
--1 behind, where wheels turn right for a turn to the left, factor of the motor's angle."""
+"""Rows of every linkage: largest motor angle, caster angle of the king-pins, angle added to the
+motor's, sign (-1 behind, where wheels turn right for a turn to the left), factor of the motor's
+angle."""
 _G = numbered(GEOMETRY)
 
 

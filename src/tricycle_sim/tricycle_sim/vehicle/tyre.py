@@ -33,7 +33,7 @@ CONSTANTS: tuple[Constant, ...] = (
     not_negative("lateral_carcass_damping", "N s/m", per_wheel=True),
     positive("rolling_smoothing_speed", "m/s", per_wheel=True),
 )
-"""What every law reads: the slopes at the origin and the friction limit are the same for all."""
+"""Constants that every law reads: slopes at the origin and friction limit are the same for all."""
 
 TYRE: Formulas = {
     "vertical_stiffness": lambda v: v.vertical_stiffness,
@@ -46,7 +46,7 @@ TYRE: Formulas = {
     "rolling_2": lambda v: v.rolling_coefficient_2,
     "rolling_smoothing_squared": lambda v: v.rolling_smoothing_speed**2,
 }
-"""What every tyre has, whatever its law."""
+"""Rows of every tyre, whatever its law."""
 _C = numbered(TYRE, step=LANES)
 
 LINEAR: Formulas = {

@@ -59,7 +59,7 @@ TADPOLE = (
     Wheel("right", "front", steered=True),
     Wheel("rear", "rear", driven=True, braked=True),
 )
-"""Of the paper's tricycle, and of every file that lists no wheels."""
+"""Wheels of the paper's tricycle, and of every file that lists no wheels."""
 
 
 def check_wheels(wheels: Sequence[Wheel]) -> None:
