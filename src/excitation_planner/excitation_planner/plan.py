@@ -100,7 +100,7 @@ class SearchHistory:
     Raises
     ------
     PlanError
-        Shapes that do not fit.
+        If shapes do not fit.
     """
 
     x: FloatArray
@@ -203,8 +203,8 @@ class Plan:
     Raises
     ------
     PlanError
-        Arrays that do not fit each other, an impossible radius, or an area without what keeps a
-        vehicle on it.
+        If arrays do not fit each other, the radius is impossible, or an area comes without
+        what keeps a vehicle on it.
     """
 
     maneuver: str

@@ -34,7 +34,7 @@ class PlanParts:
         points : ndarray of float, shape (m, 2)
             Relative to the start pose [m].
         stamp : int
-            Of its message [ns]; path and schedule may come in either order.
+            Stamp of its message [ns]; path and schedule may come in either order.
 
         Raises
         ------
@@ -56,7 +56,7 @@ class PlanParts:
         end : float
             Time since the start of the maneuver [s].
         stamp : int
-            Of its message [ns]; it and the schedule may come in either order.
+            Stamp of its message [ns]; it and the schedule may come in either order.
 
         Raises
         ------

@@ -321,9 +321,10 @@ class Verification:
     target : str
         Parameter to excite.
     histories : dict of str to ndarray
-        By search: the cost (q,) of each evaluation, in order.
+        Cost (q,) of each evaluation of each search, in order.
     optima : dict of str to (ndarray, Indices, float)
-        By search: x (4,), exact indices and exact H there, without noise.
+        Best maneuver of each search: x (4,), exact indices and exact H there, without
+        noise.
     """
 
     target: str

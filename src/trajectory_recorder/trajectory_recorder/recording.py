@@ -88,7 +88,7 @@ class TopicSource:
     Parameters
     ----------
     topic : Topic
-        As its publishers offer it now.
+        Topic as its publishers offer it now.
     """
 
     def __init__(self, topic: Topic) -> None:
@@ -184,7 +184,7 @@ class Recording:
         Raises
         ------
         BagError
-            Says how much is free.
+            If it would; the message says how much is free.
         """
         path = Path(output).absolute()
         there = next(folder for folder in path.parents if folder.exists())
@@ -342,7 +342,7 @@ class Recording:
         Parameters
         ----------
         topic : Topic
-            As it is offered now.
+            Topic as it is offered now.
 
         Raises
         ------
@@ -449,7 +449,7 @@ class Recording:
         Parameters
         ----------
         patterns : sequence of str
-            Of the topics that are wanted; those without a topic are named.
+            Patterns of the topics to record; those without a topic are named.
         """
         values: dict[str, object] = {}
         if self._bag is not None:

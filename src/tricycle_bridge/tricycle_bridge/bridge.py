@@ -243,8 +243,8 @@ class Bridge:
         Parameters
         ----------
         command : VehicleCommand or None
-            What is wanted; beyond the vehicle's limits it counts as standstill. None: the boards
-            are to stop the vehicle, until the operator's next ARM.
+            Command; beyond the vehicle's limits it counts as standstill. None: the
+            boards are to stop the vehicle, until the operator's next ARM.
         stamp : float
             Time at which it was wanted [s].
         now : float
@@ -278,7 +278,7 @@ class Bridge:
         Parameters
         ----------
         reason : str
-            What is wrong with it.
+            Why the command is refused.
         stamp, now : float
             Time at which it was sent, time of arrival [s].
         source : Source

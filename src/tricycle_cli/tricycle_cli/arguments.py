@@ -345,7 +345,7 @@ def effects_asked(args: Namespace, default: str = "weighed") -> EffectsAsked:
     args : argparse.Namespace
         Parsed arguments, with those of `add_effects_option`.
     default : str
-        What the option is where it is not given.
+        Value of the option if it is not given.
 
     Raises
     ------

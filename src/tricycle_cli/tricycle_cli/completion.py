@@ -29,7 +29,7 @@ def completion_script(shell: str, words: Mapping[str, Sequence[str]]) -> str:
     shell : str
         One of `SHELLS`.
     words : mapping of str to sequence of str
-        What may follow each command.
+        Words that may follow each command.
     """
     cases = "\n".join(
         f'        {name}) words="{" ".join(follow)}" ;;' for name, follow in words.items()

@@ -177,7 +177,7 @@ def ask(read: Callable[[str], str], say: Callable[[str], None]) -> dict[str, Any
     Parameters
     ----------
     read : callable
-        From a prompt to the line that was typed.
+        Shows a prompt and returns the line that was typed.
     say : callable
         Takes what is wrong with an answer.
     """

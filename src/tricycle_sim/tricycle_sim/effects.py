@@ -195,7 +195,7 @@ def named_effects(names: str, *, planned: bool = False) -> tuple[str, ...]:
     Parameters
     ----------
     names : str
-        Of the effects, separated by commas; or "all" or "none".
+        Names of effects, separated by commas; or "all" or "none".
     planned : bool
         Whether a plan is to count them, which counts no deviations.
 
@@ -272,7 +272,7 @@ def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:
     Parameters
     ----------
     vehicle : Vehicle
-        With constants of all that these laws read otherwise.
+        Vehicle with all other constants that these laws read.
     parts : mapping of str to str
         Law of each part.
     """

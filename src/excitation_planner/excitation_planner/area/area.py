@@ -64,7 +64,7 @@ class Area:
     margin : float
         Distance kept from all of them [m].
     start : StartRegion
-        Where a maneuver may begin.
+        Range of start poses.
     frame : str
         Frame of all coordinates.
     datum : (float, float) or None
@@ -74,7 +74,8 @@ class Area:
     Raises
     ------
     PlanError
-        A polygon that is none, a negative margin, a start outside, or a datum that is no place.
+        If a polygon is not valid, the margin negative, a start outside, or the datum not a
+        place on earth.
     """
 
     keep_in: FloatArray
@@ -128,7 +129,7 @@ class Area:
         Parameters
         ----------
         points : ndarray of float, shape (..., 2)
-            In the area's frame [m].
+            Points in the area's frame [m].
 
         Returns
         -------

@@ -88,8 +88,8 @@ class Tube:
         Covered by the footprint of any of the vehicles in the undisturbed maneuver, piece by piece,
         begun with any heading within `START_HEADING_TOLERANCE`.
     stops : ndarray of shapely.Polygon, shape (s,)
-        Where the vehicles come to rest when they are stopped at any time, and the way there; also
-        when they come to the start backwards.
+        Ground covered by the vehicle in stops from any time, up to where it rests; also
+        when it drives backwards to the start.
     """
 
     drives: NDArray[np.object_]

@@ -154,12 +154,12 @@ def joined(chunks: Sequence[Outcome]) -> Outcome:
     Parameters
     ----------
     chunks : sequence of Outcome
-        What f gave at some of them each, in their order.
+        Results of f at consecutive parts of the samples.
 
     Raises
     ------
     DesignError
-        Trajectories of different shapes.
+        If trajectories have different shapes.
     """
     reasons = [chunk for chunk in chunks if isinstance(chunk, str)]
     if reasons:

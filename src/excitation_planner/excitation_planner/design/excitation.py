@@ -64,7 +64,7 @@ class Design:
     target : str or None
         Unknown parameter to excite.
     criterion : Criterion
-        What was minimised.
+        Criterion that was minimised.
     x : ndarray of float, shape (l,)
         Operation parameters of the maneuver.
     cost : float
@@ -237,7 +237,7 @@ def design_excitation(
     target : str or None
         Name of the unknown parameter to excite; the criteria D and A need none.
     criterion : Criterion or str
-        What is minimised: ``"h"``, the paper's, ``"c"``, ``"d"`` or ``"a"``.
+        Criterion that is minimised: ``"h"``, the paper's, ``"c"``, ``"d"`` or ``"a"``.
     noise_variance : float or callable
         For H: variance V_n of the output's measurement noise, or that variance as a function of
         the outputs (n,) at one x, e.g. `TrajectoryErrorNoise`; 0 is the paper's cost.
@@ -248,8 +248,8 @@ def design_excitation(
     prior : BoxPrior, optional
         For C, D and A: knowledge from earlier drives; None: uniform.
     beside : BesideParameters
-        For C, D and A: e inputs that f takes after the k parameters, which are not known either and
-        not to be learnt.
+        For C, D and A: the e inputs that f takes after the k parameters, which are
+        uncertain but not of interest (nuisance parameters).
     draws : int
         For C, D and A: parameter values over which the criterion is averaged, k + e + 1 runs each.
     budget : int
@@ -259,8 +259,8 @@ def design_excitation(
     search : Search or str
         How the operation box is searched.
     executor : Executor, optional
-        Where f runs; by default in processes of this machine, made and ended by this call. They
-        get f by value: it may be defined in a notebook or in a script.
+        Executor in which f runs; by default processes of this machine, made and ended by
+        this call. They get f by value: it may be defined in a notebook or in a script.
     workers : int, optional
         Number of those processes, by default one per core; 1 runs everything in this process.
     chunk : int, optional
@@ -280,9 +280,10 @@ def design_excitation(
     Raises
     ------
     DesignError
-        Unknown target, criterion or search, budget too small, f that raises or cannot be sent to
-        another process, workers that die or hang again and again or have another version, no
-        maneuver of the family that can be driven and judged, a store of another design.
+        If target, criterion or search is unknown, the budget too small, f raises or cannot
+        be sent to another process, workers die or hang again and again or have another
+        version, no maneuver of the family can be driven and judged, or the store is of
+        another design.
     """
     problem = DesignProblem(
         operation=Box.of(operation),

@@ -209,7 +209,7 @@ def posterior_covariance(
     F : ndarray of float, shape (draws, k + s, k + s)
         Information in the drives, of each the same draws.
     prior : BoxPrior, optional
-        What was known before; None: uniform.
+        Knowledge of the parameters before the drive; None: uniform.
     beside : BesideParameters
         Further uncertain inputs of the simulator (nuisance parameters).
     """
@@ -259,9 +259,10 @@ class ManeuverSet:
     Attributes
     ----------
     simulators : tuple of callable
-        Of each maneuver: x (l_i,), P (n, k) to a trajectory (n, t_i, c).
+        Simulator of each maneuver, from x (l_i,) and P (n, k) to trajectories (n, t_i, c).
     operations : tuple of Box
-        Of each maneuver. In `operation` their names are numbered: ``1.radius``, ``2.d1``.
+        Operation box of each maneuver. In `operation` their names are numbered:
+        ``1.radius``, ``2.d1``.
     """
 
     simulators: tuple[Callable[[FloatArray, FloatArray], FloatArray], ...]

@@ -324,7 +324,7 @@ def do(
     work : bytes or callable
         Function of a job, as bytes by cloudpickle.
     jobs : sequence of object
-        For it, one after the other.
+        Jobs that are done one after the other.
     sent : int
         Differs between copies of jobs, which dask would otherwise take for one.
 

@@ -37,7 +37,7 @@ class TrajectoryErrorNoise:
     Raises
     ------
     DesignError
-        A negative or infinite deviation, or no point.
+        If the deviation is negative or infinite, or `points` less than 1.
     """
 
     std: float
@@ -79,7 +79,7 @@ class TrajectoryNoise:
     Raises
     ------
     DesignError
-        A standard deviation or time that is impossible.
+        If a standard deviation or time is impossible.
     """
 
     std: float | tuple[float, ...] = 0.01
@@ -116,7 +116,7 @@ class TrajectoryNoise:
         Raises
         ------
         DesignError
-            Naming what does not fit.
+            If the noise does not fit the channels; the message says what.
         """
         posed = {0, 1} | ({self.heading_channel} - {None})
         start = self.start_position_std > 0 or self.start_heading_std > 0
@@ -181,7 +181,7 @@ class MeasurementNoise:
     Raises
     ------
     PlanError
-        A deviation that is not from 0 to 10, or a correlation time or rate that is not above 0.
+        If a deviation is not from 0 to 10, or a correlation time or rate not above 0.
     """
 
     noise_std: float = 0.01

@@ -143,7 +143,7 @@ class DesignProblem:
     Raises
     ------
     DesignError
-        Unknown target, impossible noise, budget too small.
+        If the target is unknown, the noise impossible or the budget too small.
     """
 
     operation: Box

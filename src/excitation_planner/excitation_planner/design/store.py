@@ -116,7 +116,7 @@ class StudyDocument:
     Raises
     ------
     DesignError
-        A number that is out of range.
+        If a number is out of range.
     """
 
     version: int
@@ -199,7 +199,7 @@ class Store:
     Raises
     ------
     DesignError
-        Files that are damaged.
+        If files are damaged.
     """
 
     def __init__(self, path: Path, problem: DesignProblem) -> None:
@@ -436,7 +436,7 @@ class Store:
             Point, sample and output; one that is not finite is a failed simulation. For the
             criteria C, D and A failed ones alone: `add_trajectories` has the others.
         reasons : mapping of int to str
-            By point, why it is infeasible.
+            Why a maneuver is infeasible, by its number.
         """
         with self._adding():
             new: dict[tuple[int, int], float] = {}

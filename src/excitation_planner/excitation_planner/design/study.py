@@ -116,7 +116,8 @@ class Study:
         target : str or None
             Unknown parameter to excite; the criteria D and A need none.
         criterion : Criterion or str
-            What is minimised. H needs a number per simulation, C, D and A its trajectory.
+            Criterion that is minimised. H needs a number per simulation, C, D and A its
+            trajectory.
         noise_variance : float or TrajectoryErrorNoise
             For H: variance V_n that noise gives to the output.
         trajectory_noise : TrajectoryNoise
@@ -239,7 +240,8 @@ class Study:
         samples : sequence of int, length q
             Numbers of the simulations, in any order.
         outputs : ndarray of float, shape (q,) or (q, t, c), or tuple of the latter
-            Of f: numbers for the criterion H, else trajectories. NaN marks a failed simulation.
+            Results of f: numbers for the criterion H, else trajectories. NaN marks a
+            failed simulation.
 
         Raises
         ------

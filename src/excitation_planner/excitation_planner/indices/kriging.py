@@ -84,7 +84,7 @@ class Kriging:
         Raises
         ------
         ValueError
-            Shapes that do not fit, NaN or infinite numbers, or a constant output.
+            If shapes do not fit, a number is not finite, or the output is constant.
         """
         X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
         if X.ndim != 2 or y.shape != (len(X),) or len(X) < 2:

@@ -154,15 +154,15 @@ def sensitivity(
     infill : int
         Further simulations, chosen by ``infill_by``.
     infill_by : Infill
-        What they are to reduce.
+        Criterion by which infill points are chosen.
     batch : int
         How many of them are run at once before the metamodel is fitted again.
 
     Raises
     ------
     DesignError
-        Too few samples, f that raises or gives the wrong shape, a constant output, too many failed
-        simulations.
+        If samples are too few, f raises or gives the wrong shape, the output is constant,
+        or too many simulations failed.
 
     Examples
     --------
@@ -300,7 +300,7 @@ def check_outputs(U: FloatArray, m: FloatArray) -> None:
     Raises
     ------
     DesignError
-        Too many failed simulations, a constant output.
+        If too many simulations failed, or the output is constant.
     """
     valid = np.isfinite(m)
     if valid.sum() < U.shape[1] + 2:

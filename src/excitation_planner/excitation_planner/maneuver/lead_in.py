@@ -52,7 +52,7 @@ class LedInFamily:
     Raises
     ------
     PlanError
-        A length that is not from 0 to `LONGEST`.
+        If the length is not from 0 to `LONGEST`.
     """
 
     family: ManeuverFamily

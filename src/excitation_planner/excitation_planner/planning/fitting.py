@@ -117,7 +117,7 @@ class FittingSearch:
     Attributes
     ----------
     vehicle : Vehicle
-        With the ranges of its k unknown parameters.
+        Vehicle with the ranges of its k unknown parameters.
     family : ManeuverFamily
         Family of the maneuvers.
     room : Room

@@ -80,9 +80,9 @@ def plan_maneuver(
     Parameters
     ----------
     request : PlanRequest
-        What is to be planned.
+        Vehicle, family, target and further settings of the plan.
     executor : Executor, optional
-        Where simulations run; threads of this process by default.
+        Executor that runs the simulations; threads of this process by default.
     progress : callable, optional
         Called with (simulations so far, budget).
     """
@@ -98,9 +98,9 @@ def plan_set(
     Parameters
     ----------
     request : PlanRequest
-        What is to be planned.
+        Vehicle, family, target and further settings of the plan.
     executor : Executor, optional
-        Where simulations run; threads of this process by default.
+        Executor that runs the simulations; threads of this process by default.
     progress : callable, optional
         Called with (simulations so far, budget).
 
@@ -259,7 +259,7 @@ def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
     Parameters
     ----------
     request : PlanRequest
-        What is planned; nothing is searched.
+        Settings of the plan; nothing is searched.
     x : ndarray of float, shape (l,)
         Operation parameters.
 
@@ -444,7 +444,7 @@ def on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
     Parameters
     ----------
     room : Room
-        What the maneuver fits.
+        Area, footprint and position noise that the maneuver fits.
     vehicle : Vehicle
         Vehicle with the ranges of its unknown parameters.
     commands : Commands

@@ -98,7 +98,8 @@ def nominal_run(
     x : ndarray of float, shape (l,)
         Operation parameters.
     room : Room, optional
-        What the maneuver has to fit, with all vehicles of the ranges.
+        Area, footprint and position noise that the maneuver must fit with every vehicle of
+        the ranges.
 
     Raises
     ------
@@ -144,7 +145,7 @@ def nominal_commands(
     Raises
     ------
     InfeasibleManeuver, PlanError
-        As of `nominal_run`.
+        As `nominal_run`.
     """
     _, commands = _driven(vehicle, family, x)
     nominal = CommandedBatch(vehicle, commands).run(vehicle.nominal_point()[np.newaxis], ("x",))

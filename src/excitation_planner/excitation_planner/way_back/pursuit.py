@@ -101,7 +101,7 @@ class Chassis:
         Parameters
         ----------
         curvature : float
-            Left positive [1/m].
+            Curvature of the axle's path, left positive [1/m].
         """
         return self.geometry.motor_angle(1.0, curvature)
 
@@ -123,8 +123,7 @@ class Pursuit:
     curvature : float
         Commanded curvature [1/m], left positive.
     push : float
-        Positive, negative, 0: whether the vehicle is driven forwards, backwards or not at
-        all.
+        Sign of the commanded drive: positive forwards, negative backwards, 0 none.
     """
 
     arcs: tuple[Arc, ...]
@@ -255,7 +254,7 @@ class WayBack:
         Parameters
         ----------
         arcs : tuple of Arc
-            From `wanted` to the goal.
+            Route from `wanted` to the goal.
         """
         self.wanted, self.pursuit = None, Pursuit(arcs, self.chassis, self.angle)
 

@@ -24,7 +24,7 @@ def bag_path(text: str) -> Path:
     Returns
     -------
     path : Path
-        For a URL one of `upath`, which has the methods of a path.
+        Path, or for a URL an object of `upath`, which has the methods of a path.
 
     Raises
     ------

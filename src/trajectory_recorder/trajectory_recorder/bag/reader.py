@@ -143,7 +143,7 @@ class BagReader(Closing):
     topics : dict of str to Topic
         Topics by name; counts are those of the whole bag.
     metadata : dict of str to str
-        What the recorder noted about the drive.
+        Notes of the recorder about the drive.
     complete : bool
         False if a file was cut off, by a killed recorder for example, or is missing, the recorder
         lost messages, or the disk ended the recording; what is left is read.

@@ -77,7 +77,7 @@ def steer_command(command: VehicleCommand, settings: BridgeSettings, flags: int)
     Parameters
     ----------
     command : VehicleCommand
-        What is wanted; the angle is limited.
+        Command for the vehicle; its angle is limited.
     settings : BridgeSettings
         Largest steering rate.
     flags : int

@@ -75,7 +75,7 @@ def twist_command(
     Raises
     ------
     LinkError
-        A value is not finite, or the steering cannot give the turn rate.
+        If a value is not finite, or the steering cannot give the turn rate.
     """
     for name, value in (("speed", speed), ("turn rate", wanted)):
         if not math.isfinite(value):

@@ -119,7 +119,7 @@ class CommandStream:
     Attributes
     ----------
     counters : CommandCounters
-        What happened to the messages.
+        Numbers of messages, by what happened to them.
     commander : Commander or None
         Who commands the armed vehicle; only `release` and `unlock` change it.
     """

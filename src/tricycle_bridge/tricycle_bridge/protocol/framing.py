@@ -100,7 +100,7 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
     Parameters
     ----------
     message : Message
-        What to send; its id determines the direction bit.
+        Message to send; its id determines the direction bit.
     board : Board
         PLC that sends or receives it; `Board.ANY` in a HELLO to any board.
     seq : int
@@ -118,7 +118,7 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
     Raises
     ------
     LinkError
-        A value does not fit its field.
+        If a value does not fit its field.
     """
     ver_node = major << 5 | from_plc(message.ID) << 4 | board
     raw = _HEADER.pack(ver_node, message.ID, seq, session) + message.payload()
@@ -142,7 +142,7 @@ class FrameDecoder:
     Attributes
     ----------
     counters : DecoderCounters
-        What became of the segments.
+        Numbers of segments, by the result of decoding.
     session : int
         The present session, kept by the owner; 0 = none.
     """

@@ -151,7 +151,7 @@ def firmware_version(identity: HelloAck) -> str:
     Parameters
     ----------
     identity : HelloAck
-        What the PLC answered to HELLO.
+        The PLC's answer to HELLO.
     """
     return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
 
@@ -162,7 +162,7 @@ def firmware_build(identity: HelloAck) -> str:
     Parameters
     ----------
     identity : HelloAck
-        What the PLC answered to HELLO.
+        The PLC's answer to HELLO.
     """
     return f"{firmware_version(identity)} ({identity.build_hash:08x})"
 

@@ -72,7 +72,7 @@ class Campaign:
     folder : Path
         New, or that of an earlier campaign with the same settings.
     request : CampaignRequest
-        What is to be known, and how well.
+        Parameters to be known, and how to plan and identify.
 
     Attributes
     ----------

@@ -51,9 +51,9 @@ def diagnostic_entries(statuses: Iterable[Any], heard: float) -> dict[str, Diagn
     Parameters
     ----------
     statuses : iterable of DiagnosticStatus
-        As the message has them.
+        Statuses of a DiagnosticArray.
     heard : float
-        When it came [s].
+        Time of receipt [s], on the clock of the dashboard.
     """
     return {s.name: DiagnosticEntry(Level.of(s.level), s.message, heard) for s in statuses}
 
@@ -229,7 +229,7 @@ def diagnostics_table(entries: Mapping[str, DiagnosticEntry], now: float) -> Ren
     Parameters
     ----------
     entries : mapping of str to DiagnosticEntry
-        By name, in the order of the rows.
+        Entries by name, in the order of the rows.
     now : float
         Present time on the clock of the entries [s].
     """

@@ -196,7 +196,7 @@ class Operator(Closing):
         Whether times are those of `/clock`, and a drive begins with a reset and arming. On the
         vehicle the person there has armed it.
     namespace : str
-        Of the vehicle's nodes; in one, their clock is there too.
+        Namespace of the vehicle's nodes; if there is one, their clock is in it too.
     """
 
     def __init__(

@@ -94,7 +94,7 @@ def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:
     domain : int
         ROS domain id; nodes of other domains are neither seen nor disturbed.
     log_dir : Path
-        Where ROS writes its logs.
+        Folder into which ROS writes its logs.
 
     Returns
     -------

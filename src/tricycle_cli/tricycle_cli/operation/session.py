@@ -191,9 +191,9 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     true_seed : int
-        Of the draw from them; negative: the nominal values.
+        Seed of the random values; negative: the nominal values.
     """
     if true_seed < 0:
         return vehicle.nominal

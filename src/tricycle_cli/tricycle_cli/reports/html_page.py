@@ -32,8 +32,8 @@ class TableBlock:
     headings : tuple of str
         Headings of the columns.
     rows : tuple of tuple of str
-        As many cells as there are headings in each; one that ends with ✗ is marked as a miss. Those
-        of `Markup` hold HTML.
+        Cells of each row, one per heading; a cell that ends with ✗ is marked as a miss.
+        Cells of `Markup` hold HTML.
     caption : str
         Text above it.
 
@@ -80,7 +80,7 @@ class FigureBlock:
     uri : str
         The picture itself, as a `data:` address.
     alt : str
-        What it shows, for those who cannot see it.
+        Description of the figure for those who cannot see it.
     caption : str
         Text below it.
     """
@@ -117,7 +117,7 @@ class PlotBlock:
     Attributes
     ----------
     name : str
-        Of the files that they are written to on demand.
+        Name of the files that the figure is written to on demand.
     plots : tuple of go.Figure
         Texts in them are Plotly's HTML and must have been escaped.
     caption : str
@@ -163,7 +163,7 @@ def html_page(title: str, sections: Sequence[Section], *, subtitle: str = "") ->
     title : str
         Title of the page.
     sections : sequence of Section
-        Its content; more than two get a table of contents.
+        Sections of the page; more than two get a table of contents.
     subtitle : str
         Line below the title.
     """

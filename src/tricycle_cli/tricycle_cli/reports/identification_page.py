@@ -126,7 +126,7 @@ def lack_figure(found: Identification) -> Figure:
     Parameters
     ----------
     found : Identification
-        With `lack` of every drive.
+        Result of `identify`, with `lack` of every drive.
     """
     lacks = {drive.name: drive.lack for drive in found.drives if drive.lack is not None}
     names = list(dict.fromkeys(name for lack in lacks.values() for name in lack.values))

@@ -48,7 +48,7 @@ def write_rendered_film(
     vehicle : Vehicle
         Vehicle that the boards are set up for.
     settings : BridgeSettings
-        Of the bridge between the commands and the emulated boards.
+        Settings of the bridge between the commands and the emulated boards.
     path : Path
         File that is written.
     speed : float

@@ -48,7 +48,7 @@ class Maneuver:
     Attributes
     ----------
     name : str
-        Of its plan or bag; its path in the run where another one has this name.
+        Name of its plan or bag; its path in the run if another one has this name.
     plan : Plan, optional
         None where only its bag is there.
     judgement : Judgement, optional

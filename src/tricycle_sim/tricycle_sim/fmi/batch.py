@@ -43,7 +43,8 @@ class FmuSimulator:
         Parameters
         ----------
         vehicle : Vehicle
-            Its unknown parameters are those of the samples; others of the mapping have its values.
+            Vehicle whose unknown parameters are those of the samples; others of the
+            mapping have its values.
         commands : Commands
             Commands, each held until the next, slewed as the boards do.
         setpoint : float
@@ -222,11 +223,12 @@ class FmuFunction:
     file : Path
         The mapping; the planner's unknown parameters are the vehicle's.
     vehicle : Vehicle
-        With the unknown parameters in the planner's order.
+        Vehicle with the unknown parameters in the planner's order.
     commands : callable
-        From operation parameters x (l,) to `Commands`.
+        Function from operation parameters x (l,) to `Commands`.
     output : callable
-        From the columns (`COLUMNS`, each (n, t)) and the operation parameters to outputs (n,).
+        Function from the columns (`COLUMNS`, each (n, t)) and the operation parameters to
+        outputs (n,).
     """
 
     def __init__(

@@ -39,11 +39,11 @@ class Fmu:
     mapping : FmuMapping
         Mapping of our quantities to the FMU's variables.
     places : dict
-        By part of the mapping and name: type, value reference, and factor from the FMU's
-        unit to ours.
+        Type, value reference, and factor from the FMU's unit to ours, by part of the
+        mapping and name.
     readings : dict
-        By type: names of outputs, their value references, and factors from the FMU's units
-        to ours.
+        Names of outputs, their value references, and factors from the FMU's units to ours,
+        by type.
     only_once : bool
         Whether a process can have one instance of it at a time.
 
@@ -236,7 +236,7 @@ class Instance:
         Parameters
         ----------
         **inputs : float
-            By our quantity, in our units.
+            Value of each of our quantities, in our units.
 
         Raises
         ------

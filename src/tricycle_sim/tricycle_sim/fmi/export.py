@@ -113,7 +113,7 @@ def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels that touch the ground.
+        Vehicle whose wheels touch the ground.
     output : Path
         File to write.
 

@@ -35,7 +35,7 @@ def functions(vehicle: Vehicle) -> dict[str, Any]:
     Parameters
     ----------
     vehicle : Vehicle
-        Its structure is compiled in, none of its constants.
+        Vehicle whose structure is compiled in, but none of its constants.
     """
     compiled = functions_for(vehicle)
     advance, steer = compiled.advance, compiled.steer

@@ -117,7 +117,7 @@ class FmuMapping:
         user : str
             Who needs it, as "a plant".
         inputs : collection of str
-            That it needs; as outputs always x, y and heading.
+            Inputs that the mapping must have; as outputs always x, y and heading.
 
         Raises
         ------

@@ -19,7 +19,7 @@ class SteeringServo:
     Parameters
     ----------
     vehicle : Vehicle
-        With their laws and constants.
+        Vehicle with the laws and constants of servo and linkage.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -50,7 +50,7 @@ class SteeringServo:
         Parameters
         ----------
         setpoint : float or None
-            Of the motor [rad]; None: the gear holds the angle.
+            Set-point of the motor angle [rad]; None: the gear holds the angle.
         """
         setpoints = np.array([math.nan if setpoint is None else setpoint])
         self._functions.steer(self._servo, setpoints, self._constants, 2, self._table, self._angles)

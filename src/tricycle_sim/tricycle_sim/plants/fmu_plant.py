@@ -128,7 +128,7 @@ class FmuPlant:
         Parameters
         ----------
         tick, steering, torque, brake : int, float or None, float, float
-            As of every `Plant`.
+            Arguments of `Plant.advance`.
         """
         if self._has_torque:
             return self._moved(tick, steering, brake, torque=torque, torque_mode=1.0)
@@ -219,6 +219,6 @@ class SpeedFmuPlant(FmuPlant):
         Parameters
         ----------
         tick, steering, speed, brake : int, float or None, float, float
-            As of every plant that `HoldsSpeed`.
+            Arguments of `HoldsSpeed.hold_speed`.
         """
         return self._moved(tick, steering, brake, speed=speed, torque_mode=0.0)

@@ -24,7 +24,7 @@ class Plant(Protocol):
         Parameters
         ----------
         start : (float, float, float)
-            x, y [m] and heading [rad].
+            Pose of the COM: x, y [m] and heading [rad].
         """
         ...
 
@@ -34,13 +34,13 @@ class Plant(Protocol):
         Parameters
         ----------
         tick : int
-            Ticks of the simulation so far; placing the plant anew does not set it back.
+            Number of ticks so far; placing the plant anew does not reset it.
         steering : float or None
             Set-point of the steering servo [rad]; None: no pulses, the gear holds the angle.
         torque : float
-            Wanted of the motor [N m].
+            Torque wanted of the motor [N m].
         brake : float
-            Share 0 to 1 of the friction brake.
+            Share of the friction brake, 0 to 1.
         """
         ...
 
@@ -60,7 +60,7 @@ class HoldsSpeed(Plant, Protocol):
         Parameters
         ----------
         tick, steering, brake : int, float or None, float
-            As of `advance`.
+            Arguments of `Plant.advance`.
         speed : float
             Speed set-point of the driven wheels' tread [m/s].
         """

@@ -189,7 +189,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
         bytes
             Events and the state frame, for the line.
         SteerOutput or DriveOutput
-            What the actuators do until the next tick.
+            Outputs to the actuators until the next tick.
         """
         self._estop_pressed = measurement.estop_pressed
         self._measured = measurement

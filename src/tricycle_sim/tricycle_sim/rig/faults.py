@@ -88,7 +88,7 @@ class FaultPlan:
     Attributes
     ----------
     faults : tuple of RigFault
-        In any order; of two of a kind at the same time the first counts.
+        Faults in any order; of two of a kind at the same time the first counts.
     """
 
     faults: tuple[RigFault, ...] = ()

@@ -100,7 +100,7 @@ class FirmwareRig(Rig):
     faults : FaultPlan
         Faults of wires, boards and host. A board that is reset is one fresh from the flashing.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
 
     Raises
     ------

@@ -32,7 +32,7 @@ class Host:
     bridge : Bridge
         The two links.
     target : VehicleCommand or None
-        What the commander sends at every tick; None: nothing.
+        Command that the commander sends at every tick; None: nothing.
     odometry : bool
         Whether the bridge receives the vehicle's true speed as odometry, at 20 Hz.
     imu : bool

@@ -23,7 +23,7 @@ class NativeRig(PlcRig):
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class PlcRig(Rig):
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
     """
 
     def __init__(

@@ -35,7 +35,7 @@ class Rig(Closing):
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Rig(Closing):
         Parameters
         ----------
         kinds : collection of FaultKind
-            What fails; empty: all is mended.
+            Parts that fail; empty: all are repaired.
         """
         began = {fault.kind: fault.start for fault in self._plan.faults}
         start = self.time + TICK  # the tick in which the next step looks at the plan
@@ -167,7 +167,7 @@ class Rig(Closing):
         board : Board
             Steer or drive.
         data : bytes
-            As they come from the line.
+            Bytes as they come from the line.
         """
         if self._cut_off(board) or _HANG[board] in self._faults:
             return b""

@@ -158,11 +158,11 @@ def second_order(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering, for the length of the step.
+        Constants of the steering for the length of the step; see `steering.BLOCK`.
     c : int
-        Where the servo's constants start in it.
+        Index in `constants` at which the servo's begin.
     angle, rate : float
-        At the start of the step [rad, rad/s].
+        Angle and rate at the start of the step [rad, rad/s].
     earlier : float
         Set-point before [rad]; a servo with dead time has it for the first part of the step.
     setpoint : float
@@ -193,13 +193,13 @@ def geared(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering, for the length of the step.
+        Constants of the steering for the length of the step; see `steering.BLOCK`.
     c : int
-        Where the servo's constants start in it.
+        Index in `constants` at which the servo's begin.
     angle, rate : float
-        At the start of the step [rad, rad/s].
+        Angle and rate at the start of the step [rad, rad/s].
     earlier, setpoint : float
-        In the first and in the rest of the step [rad].
+        Set-points in the first and in the rest of the step [rad].
     """
     error, change = angle - earlier, earlier - setpoint
     angle = (
@@ -231,7 +231,7 @@ def behind_play(
     constants : ndarray of float
         Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the constants of a `geared` servo start in it.
+        Index in `constants` at which those of a `geared` servo begin.
     output : float
         Present angle behind the play [rad].
     angle, rate : float
@@ -261,7 +261,7 @@ def hub_motor(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the motor's constants of the vehicle start in `g`.
+        Index in `g` at which the motor's constants of the vehicle begin.
     spin : float
         Spin of the driven wheel [rad/s].
     torque : float
@@ -343,7 +343,7 @@ def direct_torque(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     spin, torque, integrator, speed_mode : float
         As of `hub_motor`.
     demand : float
@@ -375,7 +375,7 @@ def throttle_curve(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     spin, torque, integrator, speed_mode : float
         As of `hub_motor`.
     demand : float
@@ -410,7 +410,7 @@ def friction_brake(g: FloatArray, c: int, spin: float, share: float, others: flo
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the brake's constants of the vehicle start in `g`.
+        Index in `g` at which the brake's constants of the vehicle begin.
     spin : float
         Spin of the braked wheel [rad/s].
     share : float

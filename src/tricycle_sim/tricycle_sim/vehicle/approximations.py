@@ -59,7 +59,7 @@ def sine(x: float) -> float:
     Parameters
     ----------
     x : float
-        From 0 to pi [rad].
+        Angle, 0 to pi [rad].
     """
     y = min(x, math.pi - x)
     z = y * y

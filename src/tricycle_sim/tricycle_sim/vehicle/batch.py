@@ -365,15 +365,17 @@ class CommandedBatch:
         parameters : ndarray of float, shape (n, k)
             Values of `vehicle.unknown` in its order.
         columns : sequence of str
-            What to record: names of columns of `Trajectory`, or `vx_world`, `vy_world` [m/s];
-            not the steering motor's angle.
+            Columns to record: names of columns of `Trajectory`, or `vx_world`,
+            `vy_world` [m/s]; not the steering motor's angle.
         speed : ndarray of float, shape (n,), optional
-            At which the vehicles roll at the start [m/s]; by default they are at rest.
+            Speed at which the vehicles roll at the start [m/s]; by default they are at
+            rest.
         steering_delay : ndarray of float, shape (n,), optional
-            By which each servo hears of its set-point later [s]; default: not at all. The motion
-            is smoother in it than in `servo_delay`, by which set-points change between ticks.
+            Additional delay of each servo's set-point [s]; default: none. The motion is
+            smoother in it than in `servo_delay`, by which set-points change between
+            ticks.
         drive_delay : float
-            By which the motor hears of its set-point later [s].
+            Additional delay of the motor's set-point [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s]; default: none.
         steered : ndarray of float, shape (n, t), optional

@@ -44,7 +44,7 @@ def upward(values: Any) -> tuple[Any, Any, Any]:
     Parameters
     ----------
     values : object
-        With `road_grade` and `road_bank` as attributes; numbers or arrays.
+        Object with the attributes `road_grade` and `road_bank`, numbers or arrays.
     """
     x, y = np.sin(values.road_grade), np.sin(values.road_bank)
     return x, y, np.sqrt(1.0 - x * x - y * y)

@@ -266,7 +266,8 @@ class Vehicle:
         Parameters
         ----------
         **values : float
-            By the constant's name, in its unit; of an unknown parameter the nominal value.
+            New value by the constant's name, in its unit; for an unknown parameter the
+            nominal value.
 
         Raises
         ------

@@ -89,7 +89,7 @@ def equilibrium(vehicle: Vehicle) -> Equilibrium:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels that touch the ground.
+        Vehicle whose wheels touch the ground.
     """
     nominal, k = vehicle.nominal_point(), len(vehicle.unknown)
     steered_by = steering_columns(vehicle)

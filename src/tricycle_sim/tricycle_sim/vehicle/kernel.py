@@ -567,8 +567,9 @@ class Functions(NamedTuple):
     steer : callable
         `tricycle_sim.vehicle.steering.run_servo` without its first two arguments.
     wheel_angles : callable
-        From motor angle [rad] and constants of the steering to the angles of the wheels about
-        their king-pins, left and right [rad], and their slopes by the motor angle.
+        Function from motor angle [rad] and constants of the steering to the angles of the
+        wheels about their king-pins, left and right [rad], and their slopes by the motor
+        angle.
     road_angle, motor_angle_for : callable
         `road_angle_of`, `motor_angle_of` of `tricycle_sim.vehicle.steering` without their first
         argument.

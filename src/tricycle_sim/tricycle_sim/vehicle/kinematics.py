@@ -21,7 +21,7 @@ class SteeredWheel(NamedTuple):
     x, y : float
         Place, ahead of the middle of the unsteered axle and left of it [m].
     angle : float
-        On the road [rad], left positive.
+        Angle on the road [rad], left positive.
     """
 
     x: float
@@ -101,7 +101,7 @@ def curvature(wheels: list[SteeredWheel]) -> float:
     Parameters
     ----------
     wheels : list of SteeredWheel
-        Of one vehicle at one angle of its motor.
+        Steered wheels of one vehicle at one angle of its motor.
     """
 
     def moment(turn: float) -> float:

@@ -128,7 +128,7 @@ class Law:
         Each number that the function reads, as it follows from the constants of a vehicle; of the
         servo also from the length of its steps.
     constants : tuple of Constant
-        Those that the law reads, beyond what its part always does.
+        Constants that the law reads, beyond those that its part always reads.
     """
 
     function: Callable[..., Any] | None
@@ -142,7 +142,7 @@ def inlined(function: _Function) -> _Function:
     Parameters
     ----------
     function : callable
-        With scalars, tuples and arrays for arguments, or other such functions.
+        Function with scalars, tuples, arrays or other such functions for arguments.
     """
     function.is_inlined = True  # type: ignore[attr-defined]
     return function

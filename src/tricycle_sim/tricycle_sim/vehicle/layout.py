@@ -34,7 +34,7 @@ def numbered(names: str | Iterable[str], first: int = 0, step: int = 1) -> Any:
     first : int
         Number of the first name.
     step : int
-        From one name's number to the next one's.
+        Distance between one name's number and the next one's.
     """
     fields = names.split() if isinstance(names, str) else list(names)
     kind = namedtuple("Numbers", fields)  # type: ignore[misc]
@@ -49,7 +49,7 @@ def blocks(first: int, alternatives: Mapping[str, Iterable[Sized]]) -> tuple[Any
     first : int
         Number of the first block.
     alternatives : mapping
-        By block what may stand in it; the longest one decides its length.
+        Possible contents of each block; the longest one decides its length.
     """
     names = {}
     for name, choices in alternatives.items():

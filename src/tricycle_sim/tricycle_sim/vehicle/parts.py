@@ -156,7 +156,7 @@ def servo_at_rest(vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of the servo.
+        Vehicle with its servo.
     """
     return np.zeros(steering.GEARED_STATES if structure_of(vehicle).servo == "geared" else 2)
 
@@ -167,7 +167,7 @@ def steering_columns(vehicle: Vehicle) -> list[int]:
     Parameters
     ----------
     vehicle : Vehicle
-        With ranges of its unknown parameters.
+        Vehicle with ranges of its unknown parameters.
     """
     nominal = steering_constants(vehicle, TICK)
     return [

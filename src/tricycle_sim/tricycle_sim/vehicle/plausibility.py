@@ -14,7 +14,7 @@ def warnings_about(vehicle: Vehicle) -> tuple[str, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        With each constant in its bounds.
+        Vehicle whose constants are each within their bounds.
     """
     return (*_inertia(vehicle), *_loads(vehicle), *_stability(vehicle), *_steps(vehicle))
 

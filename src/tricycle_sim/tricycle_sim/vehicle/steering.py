@@ -57,7 +57,7 @@ def ratio(constants: FloatArray, c: int, motor_angle: float) -> tuple[float, flo
     constants : ndarray of float
         Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the linkage's constants start in it.
+        Index in `constants` at which the linkage's begin.
     motor_angle : float
         Angle of the steering motor [rad].
 
@@ -95,7 +95,7 @@ def axle(constants: FloatArray, c: int, angle: float) -> tuple[float, float, flo
     constants : ndarray of float
         Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the constants of the geometry start in it.
+        Index in `constants` at which those of the geometry begin.
     angle : float
         Angle of the wheel about its king-pin [rad].
     """
@@ -121,7 +121,7 @@ def parallel(
     constants : ndarray of float
         Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the linkage's constants start in it.
+        Index in `constants` at which the linkage's begin.
     motor_angle : float
         Angle of the steering motor [rad].
 
@@ -155,7 +155,7 @@ def ackermann(
     constants : ndarray of float
         Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the linkage's constants start in it.
+        Index in `constants` at which the linkage's begin.
     motor_angle : float
         Angle of the steering motor [rad].
 

@@ -75,7 +75,7 @@ def vertical_load(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the tyre's constants of the vehicle start in `g`.
+        Index in `g` at which the tyre's constants of the vehicle begin.
     radius : float
         Loaded radius [m].
     inverse_cosine : float
@@ -110,11 +110,11 @@ def slip_slopes(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the tyre's constants of the vehicle start in `g`.
+        Index in `g` at which the tyre's constants of the vehicle begin.
     vx : float
         Forward speed of the contact point [m/s].
     slip_speed, vy : float
-        Its speed over the road forward and to the left [m/s].
+        Speed of the contact point over the road, forward and to the left [m/s].
     kappa, alpha : float
         Relaxed slips, longitudinal and lateral.
     stiffer : float
@@ -136,7 +136,7 @@ def rolling_resistance(g: FloatArray, c: int, radius: float, load: float, rollin
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the tyre's constants of the vehicle start in `g`.
+        Index in `g` at which the tyre's constants of the vehicle begin.
     radius : float
         Loaded radius [m].
     load : float
@@ -174,7 +174,7 @@ def unlimited(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load : float
         Load of the wheel [N].
     kappa, alpha : float
@@ -214,7 +214,7 @@ def linear(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load : float
         Load of the wheel [N].
     kappa, alpha : float
@@ -227,7 +227,7 @@ def linear(
     Returns
     -------
     force_x, force_y : float
-        On the tyre, forward and to the left [N].
+        Force on the tyre, forward and to the left [N].
     aligning : float
         Moment about the vertical [N m].
     share : float
@@ -263,7 +263,7 @@ def fiala(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
         As for `linear`.
 
@@ -321,7 +321,7 @@ def softened(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
         As for `linear`.
 
@@ -389,7 +389,7 @@ def magic_formula(
     g : ndarray of float, shape (rows * LANES,)
         Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
         As for `linear`.
 
