@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic, deserialize
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import BagError
+from tricycle_core.errors import BagError, hint
 
 METADATA = ("plan_id", "vehicle*", "firmware*")
 """Values of diagnostics that are copied to the bag's metadata record."""
@@ -533,7 +532,5 @@ def chosen(names: Collection[str], patterns: Sequence[str], without: Sequence[st
     )
     for pattern in wanted + unwanted:
         if not any(matches(name, [pattern]) for name in names):
-            close = get_close_matches(pattern, names, 1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise BagError(f"no topic of the bag is {pattern}{hint}")
+            raise BagError(f"no topic of the bag is {pattern}; {hint(pattern, names)}")
     return [name for name in names if matches(name, wanted) and not matches(name, unwanted)]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from lifecycle_msgs.msg import Transition
 from tricycle_bringup.configuration import bridge_parameters, driver_parameters
 from tricycle_bringup.urdf import tricycle_urdf
 from tricycle_core.documents import parse_yaml
-from tricycle_core.errors import NodeError
+from tricycle_core.errors import NodeError, did_you_mean
 from tricycle_core.start import ending_with_parent
 from tricycle_sim.vehicle import load_vehicle
 
@@ -95,14 +94,14 @@ def _value(name: str, text: str, default: object) -> Any:
     try:
         return convert(text)
     except (KeyError, ValueError):
-        raise ValueError(f"{name}:={text}: want {wanted}") from None
+        raise ValueError(f"{name}:={text}: needs {wanted}") from None
 
 
 def _warn_of_misspelt(given: Iterable[str], known: Iterable[str]) -> None:
     """Say which arguments that were given are nearly ours; launch passes over them in silence."""
     for name in {argument.partition(":=")[0] for argument in given}.difference(known):
-        if close := get_close_matches(name, known, 1):  # others may be an including file's
-            get_logger("launch").warning(f"{name} is no launch argument: did you mean {close[0]}?")
+        if question := did_you_mean(name, known):  # others may be an including file's
+            get_logger("launch").warning(f"{name} is not a launch argument: {question}")
 
 
 def process(package: str, executable: str) -> dict[str, object]:

@@ -20,6 +20,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+LISTED = 500
+"""Largest length of a list of known names in a message [characters]."""
+
 
 class ExcitationError(ValueError):
     """A mistake that the user can correct; the message says where, what, and what is right."""
@@ -111,3 +117,41 @@ def naming(error: BaseException, path: object) -> str:
     """
     message = message_of(error)
     return message if str(path) in message else f"{path}: {message}"
+
+
+def did_you_mean(name: object, known: Iterable[object]) -> str:
+    """Return a question with the known name that is closest to a misspelt one; empty if none is.
+
+    Parameters
+    ----------
+    name : object
+        Misspelt name.
+    known : iterable of object
+        Known names.
+    """
+    close = get_close_matches(str(name), map(str, known), 1)
+    return f"did you mean {close[0]}?" if close else ""
+
+
+def hint(name: object, known: Iterable[object]) -> str:
+    """Return the end of a message about an unknown name: the closest known one, or all of them.
+
+    Parameters
+    ----------
+    name : object
+        Unknown name.
+    known : iterable of object
+        Known names; those beyond `LISTED` characters are left out.
+
+    Examples
+    --------
+    >>> hint("yawrate", ["speed", "yaw_rate"])
+    'did you mean yaw_rate?'
+    >>> hint("roll", ["speed", "yaw_rate"])
+    'there are: speed, yaw_rate'
+    """
+    names = [str(one) for one in known]
+    listed = ", ".join(names)
+    if len(listed) > LISTED:
+        listed = f"{listed[:LISTED].rpartition(', ')[0] or listed[:LISTED]}, …"
+    return did_you_mean(name, names) or f"there are: {listed}"

@@ -13,7 +13,6 @@ import re
 import signal
 import sys
 from collections.abc import Callable
-from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
 from types import FrameType
@@ -38,7 +37,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from tricycle_core import __version__
-from tricycle_core.errors import message_of
+from tricycle_core.errors import did_you_mean, message_of
 from tricycle_core.stamps import split_seconds
 from tricycle_core.start import ending_signals
 
@@ -210,9 +209,8 @@ def _warn_of_unknown_parameters(node: Node) -> None:
     known = node.list_parameters([], 0).names
     for name in node._parameter_overrides:  # noqa: SLF001 - rclpy tells them no other way
         if not node.has_parameter(name):
-            close = get_close_matches(name, known, 1)
-            hint = f"did you mean {close[0]}?" if close else "--help lists those there are"
-            node.get_logger().warning(f"{name} is no parameter of this node: {hint}")
+            hint = did_you_mean(name, known) or "--help lists those there are"
+            node.get_logger().warning(f"{name} is not a parameter of this node: {hint}")
 
 
 def _told(mistake: Exception) -> str:

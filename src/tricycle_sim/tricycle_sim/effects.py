@@ -13,14 +13,13 @@ missing.
 """
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from tricycle_core.errors import VehicleError
+from tricycle_core.errors import VehicleError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
@@ -184,9 +183,7 @@ def check_effects(names: Sequence[str]) -> None:
     """
     for name in names:
         if name not in EFFECTS:
-            close = difflib.get_close_matches(name, EFFECTS, 1)
-            hint = f"; did you mean {close[0]}?" if close else f"; there are: {', '.join(EFFECTS)}"
-            raise VehicleError(f"{name!r} is no effect{hint}")
+            raise VehicleError(f"{name!r} is not an effect; {hint(name, EFFECTS)}")
 
 
 def named_effects(names: str, *, planned: bool = False) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from excitation_planner.area.polygons import Rings, rings_of, signed_distance
 from tricycle_core.documents import decode, parse_yaml, read_bounded
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import PlanError, hint
 from tricycle_core.frames import ODOM
 from tricycle_core.quantities import FloatArray
 
@@ -48,7 +48,7 @@ class StartRegion:
         low, high = self.heading
         turn = 2 * math.pi + 1e-9
         if not (abs(low) <= turn and high - low <= turn):
-            raise PlanError(f"start.heading: [{low:g}, {high:g}] is no part of a turn, in rad")
+            raise PlanError(f"start.heading: [{low:g}, {high:g}] is not part of a turn, in rad")
 
 
 @dataclass(frozen=True)
@@ -222,8 +222,9 @@ def load_area(path: Path) -> Area:
         ("", _KEYS, document),
         ("start.", _START_KEYS, document.get("start")),
     ):
-        if isinstance(values, dict) and (unknown := [key for key in values if key not in allowed]):
-            raise PlanError(f"{where}: {name}{unknown[0]}: is no key; there are {_listed(allowed)}")
+        for key in values if isinstance(values, dict) else ():
+            if key not in allowed:
+                raise PlanError(f"{where}: {name}{key}: is not a key; {hint(key, allowed)}")
     file = decode(
         _File, {key: document[key] for key in document if key != "about"}, where, PlanError
     )

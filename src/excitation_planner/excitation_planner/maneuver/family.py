@@ -23,7 +23,7 @@ import numpy as np
 from excitation_planner.box import Box
 from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_bridge.protocol.units import ANGLE_UNIT
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import PlanError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -182,7 +182,7 @@ def family_by_name(name: str) -> ManeuverFamily:
     # a colcon workspace over an installed wheel registers the same class twice
     points = {point.value: point for point in _installed(tuple(sys.path)).select(name=key)}
     if not points:
-        raise PlanError(f"unknown maneuver {name!r}; there are: {', '.join(family_names())}")
+        raise PlanError(f"unknown maneuver {name!r}; {hint(name, family_names())}")
     if len(points) > 1:
         raise PlanError(f"maneuver {key!r} is registered for {' and for '.join(sorted(points))}")
     ((value, point),) = points.items()
@@ -191,7 +191,7 @@ def family_by_name(name: str) -> ManeuverFamily:
     except Exception as error:  # whatever an installed package may raise
         raise PlanError(f"maneuver {key!r} cannot be loaded from {value}: {error!r}") from error
     if not isinstance(family, ManeuverFamily) or family.name != key:
-        raise PlanError(f"{value} is no maneuver family with the name {key!r}")
+        raise PlanError(f"{value} is not a maneuver family with the name {key!r}")
     return family
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tricycle_core.errors import PlantError
+from tricycle_core.errors import PlantError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
@@ -15,7 +15,6 @@ from tricycle_sim.fmi.mapping import START, load_mapping
 from tricycle_sim.setpoints import command_rows, delayed, slew_all
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import Run
-from tricycle_sim.vehicle.constants import suggest_name
 
 COLUMNS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "drive_speed")
 """Columns that a batch can record."""
@@ -95,9 +94,9 @@ class FmuBatch:
         known = {*vehicle.values, *START}
         for name in mapping.parameters:
             if name not in known:
-                hint = suggest_name(name, known)
                 raise PlantError(
-                    f"{file}: parameters.{name}: {vehicle.name} has no such constant; {hint}"
+                    f"{file}: parameters.{name}: {vehicle.name} has no such constant; "
+                    f"{hint(name, known)}"
                 )
         for name in vehicle.unknown:
             if name not in mapping.parameters:

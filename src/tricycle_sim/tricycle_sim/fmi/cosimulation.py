@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tricycle_core.errors import PlantError
+from tricycle_core.errors import PlantError, hint
 from tricycle_core.optional import missing
 from tricycle_sim.fmi.mapping import QUANTITIES, UNITS, FmuMapping, Variable
-from tricycle_sim.vehicle.constants import suggest_name
 
 try:
     import fmpy
@@ -62,7 +61,7 @@ class Fmu:
         try:
             self._description = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
-            raise PlantError(f"{path}: is no FMU: {_line(error)}") from error
+            raise PlantError(f"{path}: is not an FMU: {_line(error)}") from error
         version = self._description.fmiVersion
         if not version.startswith(("2", "3")):
             raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
@@ -91,9 +90,8 @@ class Fmu:
 
     def _find(self, part: str, name: str) -> Any:
         if name not in self._variables:
-            hint = suggest_name(name, self._variables).replace("see tricycle.yaml for them", "")
             raise PlantError(
-                f"{self.mapping.path}: {part}: no variable {name!r}; {hint}".rstrip("; ")
+                f"{self.mapping.path}: {part}: no variable {name!r}; {hint(name, self._variables)}"
             )
         return self._variables[name]
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tricycle_core.documents import decode, parse_yaml, read_bounded
-from tricycle_core.errors import PlantError
+from tricycle_core.errors import PlantError, hint
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle.constants import suggest_name
 
 _LIMIT = 1_000_000  # bytes
 QUANTITIES = {
@@ -155,7 +154,7 @@ def load_mapping(path: Path) -> FmuMapping:
     known = ("fmu", "inputs", "outputs", "parameters", "start_values", "step")
     for name in values:
         if name not in known:
-            raise PlantError(f"{path}: {name}: unknown; {suggest_name(str(name), known)}")
+            raise PlantError(f"{path}: {name}: unknown; {hint(name, known)}")
     filled = dict(values)
     for part in ("inputs", "outputs", "parameters"):
         entries = filled.get(part) or {}
@@ -169,14 +168,11 @@ def load_mapping(path: Path) -> FmuMapping:
         for name, entry in entries.items():
             for key in entry if isinstance(entry, Mapping) else ():
                 if key not in keys:
-                    hint = suggest_name(str(key), keys)
-                    raise PlantError(f"{path}: {part}.{name}.{key}: unknown; {hint}")
+                    raise PlantError(f"{path}: {part}.{name}.{key}: unknown; {hint(key, keys)}")
         for name in () if part == "parameters" else entries:
             right = [q for q in QUANTITIES if (q in INPUTS) == (part == "inputs")]
             if name not in right:
-                raise PlantError(
-                    f"{path}: {part}.{name}: unknown; {suggest_name(str(name), right)}"
-                )
+                raise PlantError(f"{path}: {part}.{name}: unknown; {hint(name, right)}")
     mapping = decode(FmuMapping, {**filled, "folder": str(path.parent)}, str(path), PlantError)
     if not (math.isfinite(mapping.step) and mapping.step > 0.0):
         raise PlantError(f"{path}: step: {mapping.step:g} must be positive (s)")

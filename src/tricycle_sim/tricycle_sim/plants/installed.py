@@ -3,7 +3,7 @@
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from tricycle_core.errors import ExcitationError, PlantError, message_of
+from tricycle_core.errors import ExcitationError, PlantError, hint, message_of
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.plants.plant import Plant
@@ -33,7 +33,7 @@ def check_plant(name: str) -> None:
     """
     known = plant_names()
     if name.partition(":")[0] not in known:
-        raise PlantError(f"unknown plant {name!r}; there are: {', '.join(known)}")
+        raise PlantError(f"unknown plant {name!r}; {hint(name, known)}")
 
 
 def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:

@@ -7,7 +7,6 @@ Letters of array shapes: `n` samples, `k` unknown parameters, `t` time points.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import hashlib
 import json
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tricycle_core.errors import VehicleError
+from tricycle_core.errors import VehicleError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.body import SHORTHANDS, upward
 from tricycle_sim.vehicle.laws import Constant
@@ -272,7 +271,7 @@ class Vehicle:
         Raises
         ------
         VehicleError
-            If a name is no constant of a vehicle, no wheel reads it, or a value is out of its
+            If a name is not a constant of a vehicle, no wheel reads it, or a value is out of its
             range.
         """
         entries = constant_entries(self.wheels, self.parts)
@@ -336,12 +335,12 @@ def check_entry(name: str, entries: Mapping[str, Constant]) -> None:
     if name in entries:
         return
     plain = name.rpartition(".")[2]
-    hint = suggest_name(name, entries)
+    meant = hint(name, entries)
     if owner := other_owner(name):
-        hint = f"{owner} reads it, and this vehicle has none{' there' if plain != name else ''}"
+        meant = f"{owner} reads it, and this vehicle has none{' there' if plain != name else ''}"
     elif plain in entries and plain != name:
-        hint = f"did you mean {plain}?"
-    raise VehicleError(f"{name}: is no constant of this vehicle; {hint}")
+        meant = f"did you mean {plain}?"
+    raise VehicleError(f"{name}: is not a constant of this vehicle; {meant}")
 
 
 def missing_entries(
@@ -442,20 +441,3 @@ def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
         Random generator.
     """
     return {name: float(rng.uniform(low, high)) for name, (low, high) in vehicle.unknown.items()}
-
-
-def suggest_name(name: str, names: Iterable[str]) -> str:
-    """Return a hint at what was meant by a wrong name.
-
-    Parameters
-    ----------
-    name : str
-        The wrong one.
-    names : iterable of str
-        The right ones.
-    """
-    known = list(names)
-    close = difflib.get_close_matches(name, known, n=1)
-    if close:
-        return f"did you mean {close[0]}?"
-    return f"must be one of {', '.join(known)}" if len(known) < 10 else "see tricycle.yaml for them"
