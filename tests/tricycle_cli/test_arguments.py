@@ -34,5 +34,5 @@ def test_assignments_give_numbers_by_name():
     assert parse_assignments(["a=1", "b=-2e3"]) == {"a": 1.0, "b": -2000.0}
     with pytest.raises(PlanError, match="a is given twice"):
         parse_assignments(["a=1", "a=2"])
-    with pytest.raises(PlanError, match="'a': want name=number"):
+    with pytest.raises(PlanError, match="'a': needs name=number"):
         parse_assignments(["a"])

@@ -113,7 +113,7 @@ def _footprint(message: PolygonStamped) -> FloatArray:
 def _planned_start(message: PoseStamped) -> tuple[float, float, float]:
     position, orientation = message.pose.position, message.pose.orientation
     if not is_unit(orientation):
-        raise PlanError("orientation is no unit quaternion")
+        raise PlanError("orientation is not a unit quaternion")
     return position.x, position.y, yaw_of(orientation)
 
 

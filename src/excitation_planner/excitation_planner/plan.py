@@ -252,7 +252,7 @@ class Plan:
     def __post_init__(self) -> None:
         _check_array("path", self.path, (None, 2))
         if self.target not in self.unknown:
-            raise PlanError(f"target {self.target!r} is no unknown parameter of the plan")
+            raise PlanError(f"target {self.target!r} is not an unknown parameter of the plan")
         for name in ("main", "total"):
             if set(getattr(self, name)) != set(self.unknown):
                 raise PlanError(f"{name} must have an index of each unknown parameter")

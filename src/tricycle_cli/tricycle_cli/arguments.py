@@ -240,8 +240,8 @@ def at_least(least: int) -> Callable[[str], int]:
     """
 
     def parse(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise ArgumentTypeError(f"'{text}': needs a whole number, {least} or more")
+        if not (text.isascii() and text.isdigit()) or int(text) < least:
+            raise ArgumentTypeError(f"{text!r}: needs a whole number, {least} or more")
         return int(text)
 
     return parse
@@ -441,7 +441,7 @@ def _datum(text: str) -> Datum:
     except ExcitationError as error:  # a ValueError, too
         raise ArgumentTypeError(str(error)) from error
     except (ValueError, TypeError) as error:
-        raise ArgumentTypeError(f"{text!r}: want LAT,LON or LAT,LON,ALT") from error
+        raise ArgumentTypeError(f"{text!r}: needs LAT,LON or LAT,LON,ALT") from error
 
 
 def describe_later(parser: ArgumentParser, describe: Callable[[], None]) -> None:
@@ -474,29 +474,6 @@ def search_boxes() -> str:
     return "\n".join(["search boxes, in m, m/s, rad and Hz; --range sets others:", *lines, ""])
 
 
-def seed(text: str) -> int:
-    """Return a seed of the random streams, a whole number from 0.
-
-    Parameters
-    ----------
-    text : str
-        Text of the argument.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If the text is not such a number.
-
-    Examples
-    --------
-    >>> seed("7")
-    7
-    """
-    if not (text.isascii() and text.isdigit()):
-        raise ArgumentTypeError(f"{text!r} must be a whole number from 0")
-    return int(text)
-
-
 def real_time_factor(text: str) -> float:
     """Return the largest ratio of simulated to wall time, from 0 (no limit) to 1000.
 
@@ -512,7 +489,7 @@ def real_time_factor(text: str) -> float:
     """
     factor = _number(text)
     if not 0.0 <= factor <= 1000.0:
-        raise ArgumentTypeError(f"{text!r} must be from 0 (as fast as it runs) to 1000")
+        raise ArgumentTypeError(f"{text!r}: must be from 0 (as fast as it runs) to 1000")
     return factor
 
 
@@ -623,7 +600,7 @@ def parse_assignments(pairs: Sequence[str]) -> dict[str, float]:
         try:
             value = float(text)
         except ValueError:
-            raise PlanError(f"{pair!r}: want name=number") from None
+            raise PlanError(f"{pair!r}: needs name=number") from None
         if name in values:
             raise PlanError(f"{name} is given twice")
         values[name] = value

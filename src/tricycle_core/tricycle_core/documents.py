@@ -348,7 +348,7 @@ def _kind(name: str) -> str:
 
 def _infinity(text: str) -> float:
     if text == "NaN":
-        raise ValueError("NaN is no number of a document")
+        raise ValueError("NaN is not a number of a document")
     return float(text)
 
 

@@ -105,5 +105,5 @@ def _nanoseconds(seconds: str) -> int:
     whole, _, fraction = seconds.partition(".")
     nanoseconds = int(whole) * SECOND + int(fraction.ljust(9, "0")[:9] or 0)
     if not 0 <= nanoseconds < 2**63:
-        raise ValueError(f"{seconds} s is no time")
+        raise ValueError(f"{seconds} s is not a time")
     return nanoseconds

@@ -251,7 +251,7 @@ class Store:
         if self.problem.criterion is Criterion.H:
             return float(output)
         if not _FILE.fullmatch(output):
-            raise ValueError(f"{output!r} is no file of trajectories")
+            raise ValueError(f"{output!r} is not a file of trajectories")
         return output
 
     @classmethod

@@ -409,4 +409,4 @@ def _whole(number: object) -> int:
             return operator.index(number)  # type: ignore[arg-type]
     except TypeError:
         pass
-    raise DesignError(f"{number!r} is no number of a point or sample: a whole number is needed")
+    raise DesignError(f"{number!r} is not the number of a point or sample: needs a whole number")

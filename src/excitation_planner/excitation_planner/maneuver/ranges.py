@@ -83,7 +83,7 @@ def parse_ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
         try:
             low, high = map(float, limits.split(":"))
         except ValueError:
-            raise PlanError(f"range {text!r}: want NAME=LOW:HIGH, as in radius=3:12") from None
+            raise PlanError(f"range {text!r}: needs NAME=LOW:HIGH, as in radius=3:12") from None
         if name in ranges:
             raise PlanError(f"range {text!r}: {name} is given twice")
         ranges[name] = low, high
@@ -108,7 +108,7 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
     content = read_bounded(path, MAX_BYTES, "a file of ranges", PlanError)
     document = parse_yaml(content, str(path), PlanError)
     if not isinstance(document, dict):
-        raise PlanError(f"{path}: want entries like radius: [3, 12]")
+        raise PlanError(f"{path}: needs entries like radius: [3, 12]")
     entries: dict[str, Any] = {}
     for name, value in document.items():
         inner = value.items() if isinstance(value, dict) else [(None, value)]
@@ -120,7 +120,7 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
             and len(limits) == 2
             and all(isinstance(n, int | float) and not isinstance(n, bool) for n in limits)
         ):
-            raise PlanError(f"{path}: {name}: {reprlib.repr(limits)}: want [low, high]")
+            raise PlanError(f"{path}: {name}: needs [low, high], not {reprlib.repr(limits)}")
         ranges[name] = float(limits[0]), float(limits[1])
     return ranges
 

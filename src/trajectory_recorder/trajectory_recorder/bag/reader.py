@@ -277,7 +277,7 @@ def _open_storages(
         elif path.suffix == ".db3":
             yield _RosbagsStorage(path, [path])
         else:
-            raise BagError(f"{path} is not a bag: want a rosbag2 directory, .mcap or .db3 file")
+            raise BagError(f"{path} is not a bag: needs a rosbag2 directory, .mcap or .db3 file")
         return
     named = _named(information)
     compression = information.get("compression_mode", "")

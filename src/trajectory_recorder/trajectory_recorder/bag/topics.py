@@ -255,7 +255,9 @@ def _parts(type_name: str) -> tuple[str, str]:
     """Package and name of a message type; nothing else becomes a path or is imported."""
     found = re.fullmatch(r"([A-Za-z]\w*)/msg/([A-Za-z]\w*)", type_name, re.ASCII)
     if found is None:
-        raise BagError(f"{reprlib.repr(type_name)} is no message type, as in std_msgs/msg/String")
+        raise BagError(
+            f"{reprlib.repr(type_name)} is not a message type, as in std_msgs/msg/String"
+        )
     return found[1], found[2]
 
 

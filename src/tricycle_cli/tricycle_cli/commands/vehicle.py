@@ -111,7 +111,9 @@ def run_new(args: argparse.Namespace) -> int:
     if args.source is not None:
         text = from_file(args.source, args.output.stem)
     elif not sys.stdin.isatty():
-        raise VehicleError("vehicle new asks questions, and this is no terminal: give --from FILE")
+        raise VehicleError(
+            "vehicle new asks questions, and this is not a terminal: give --from FILE"
+        )
     else:
         try:
             text = from_answers(ask(input, lambda problem: print(f"  {problem}", file=sys.stderr)))

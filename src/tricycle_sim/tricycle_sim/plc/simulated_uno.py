@@ -105,7 +105,7 @@ class SimulatedUno(Closing):
         image = build / f"{name}.elf"
         self._machine = ctypes.c_void_p(self._c.machine_new(str(image).encode()))
         if not self._machine:
-            raise LinkError(f"{image}: is no firmware image: `make firmware` builds it")
+            raise LinkError(f"{image}: is not a firmware image: `make firmware` builds it")
         self.supply(DRIVE_SUPPLY if name == "drive" else STEER_SUPPLY)
         self.estop(pressed=False)
         self._c.machine_sensor(self._machine, 0, 0)  # half a pulse before its edge
