@@ -17,7 +17,7 @@ from excitation_planner.area.fence import (
     Fence,
 )
 from excitation_planner.area.polygons import seen_from
-from excitation_planner.lead_in import LeadIn
+from excitation_planner.line_keeping import LineKeeping
 from excitation_planner.localisation import WINDOW, PlanarState, PoseWatch, RestingPoses
 from excitation_planner.plan_parts import PlanParts
 from excitation_planner.preflight import Check
@@ -137,7 +137,7 @@ class Playback:
     _plan: _Plan | None = None
     _next: _Plan | None = None  # came during the run
     _finishing: str = ""  # why the maneuver is to end at the next tick
-    _lead_in: LeadIn | None = None  # of the maneuver running
+    _line_keeping: LineKeeping | None = None  # of the maneuver running
     _fence: Fence | None = None  # of the maneuver running
     _resting: RestingPoses = field(default_factory=RestingPoses)  # before row 0
     _poses: PoseWatch = field(default_factory=PoseWatch)
@@ -281,7 +281,7 @@ class Playback:
         self._fence = self._fence_of(plan)
         self._poses, self._contradiction = PoseWatch(), ""
         self._path, self._nearest = path, 0
-        self._lead_in = self._lead_in_of(plan)
+        self._line_keeping = self._line_keeping_of(plan)
         self._anchor = self.watch.observed
         self._resting, self._stood = RestingPoses(), None  # it may just have come to rest
         if self._anchor is not None:
@@ -512,7 +512,7 @@ class Playback:
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
         if reason := (
-            self._unfit(now, directed=self._lead_in is not None)
+            self._unfit(now, directed=self._line_keeping is not None)
             or self._astray()
             or self._fenced_out(schedule, now, row)
         ):
@@ -533,7 +533,7 @@ class Playback:
                 return self._held
             # by the poses since the start was asked for: the vehicle may have moved before
             if self._plan is not None:
-                self._lead_in = self._lead_in_of(self._plan) or self._lead_in
+                self._line_keeping = self._line_keeping_of(self._plan) or self._line_keeping
             self.start_time, self.state = now, PlaybackState.RUNNING
         self.elapsed = now - self.start_time
         if self.elapsed >= schedule.duration - 1e-6:
@@ -548,10 +548,10 @@ class Playback:
         )
         return self._held
 
-    def _lead_in_of(self, plan: _Plan) -> LeadIn | None:
-        """Lead-in of a plan along the line on which the vehicle rests; None without one."""
+    def _line_keeping_of(self, plan: _Plan) -> LineKeeping | None:
+        """Return the line keeping of a plan's lead-in, from the resting pose; None without one."""
         end, pose = self.parts.lead_in_end(plan.stamp), self._resting.mean()
-        return None if end == 0.0 or pose is None else LeadIn(pose, end, self.chassis)
+        return None if end == 0.0 or pose is None else LineKeeping(pose, end, self.chassis)
 
     def _fence_of(self, plan: _Plan) -> Fence | None:
         """Return the fence of a plan's area; None without an area."""
@@ -560,12 +560,12 @@ class Playback:
 
     def _led(self, now: float) -> float:
         """Return the correction of the steering motor angle on the lead-in's line [rad]."""
-        lead_in, here = self._lead_in, self.watch.observed
-        if lead_in is None or here is None or self.elapsed >= lead_in.end - 1e-6:
-            self._lead_in = None
+        keeping, here = self._line_keeping, self.watch.observed
+        if keeping is None or here is None or self.elapsed >= keeping.end - 1e-6:
+            self._line_keeping = None
             return 0.0
         pose = here.after(now - self.watch.stamp)
-        return lead_in.steer(pose, here.speed, self.elapsed)
+        return keeping.steer(pose, here.speed, self.elapsed)
 
     @staticmethod
     def _row(schedule: Schedule, elapsed: float) -> int:
@@ -579,7 +579,7 @@ class Playback:
         if self._fence is None:
             return ""
         push = 0.0 if self.start_time is None else float(schedule.wheel_rate[row])
-        led = 0.0 if self._lead_in is None else self._lead_in.curvature
+        led = 0.0 if self._line_keeping is None else self._line_keeping.curvature
         return self._trespass(self._fence, now, float(self._fence.curvature[row]) + led, push)
 
     def _rolls_out(self, now: float) -> bool:

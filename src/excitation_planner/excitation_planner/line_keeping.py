@@ -1,4 +1,4 @@
-"""The lead-in: a vehicle that gets up to speed is kept on the line on which it stood."""
+"""Steering along the line on which the vehicle stood, closed loop, while it gets up to speed."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ SHARPEST = 0.1
 
 
 @dataclass
-class LeadIn:
+class LineKeeping:
     """Steers along a straight line, closed loop; it does not control the speed.
 
     Attributes
