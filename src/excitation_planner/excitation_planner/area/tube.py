@@ -117,7 +117,6 @@ def tube_of(
     footprint: FloatArray,
     *,
     rough: bool = False,
-    seed: int = 0,
 ) -> Tube:
     """Return the ground that vehicles of the ranges may cover under the same commands.
 
@@ -132,8 +131,6 @@ def tube_of(
     rough : bool
         Whether a part of the tube is enough that takes less time: that of the first `LANES`
         vehicles, at `ROUGH_EVERY` and `ROUGH_STOP_EVERY`.
-    seed : int
-        Seed of the vehicles drawn from the ranges.
 
     Raises
     ------
@@ -142,7 +139,7 @@ def tube_of(
     """
     batch = CommandedBatch(vehicle, commands)
     # eight vehicles take as long as one
-    drawn = _vehicles(vehicle, seed)[: LANES if rough else None]
+    drawn = _vehicles(vehicle)[: LANES if rough else None]
     # the last tick has to be among those recorded
     every = math.gcd(len(batch.time) - 1, round(EVERY / TICK), round(STOP_EVERY / TICK))
     run = batch.run(drawn, ("x", "y", "yaw", "vx", "vy", "yaw_rate"), every=every)
@@ -185,13 +182,13 @@ def tube_of(
     return Tube(_hulls(poses[:, :-1], poses[:, 1:]), np.append(stops, back))
 
 
-def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
+def _vehicles(vehicle: Vehicle) -> FloatArray:
     """Values (n, k) of the unknown parameters: the nominal ones, and draws from the ranges."""
     nominal = vehicle.nominal_point()[None]
     if not vehicle.unknown:
         return nominal
     low, high = np.array(list(vehicle.unknown.values())).T
-    U = sobol_sequence(VEHICLES, len(low), seed=seed)
+    U = sobol_sequence(VEHICLES, len(low), seed=0)
     U[::2] = U[::2] > 0.5  # corners of the ranges: there the paths differ most
     return np.vstack([nominal, low + U * (high - low)])
 

@@ -27,7 +27,7 @@ PROFILES = (
 )
 
 
-def run_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) -> str:
+def run_page(run: Run, *, vehicle: Vehicle) -> str:
     """Return the report of a run as the text of an HTML file.
 
     Parameters
@@ -36,10 +36,8 @@ def run_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) ->
         Run to show.
     vehicle : Vehicle
         Vehicle; wheel loads are shown for plans that were made for it.
-    progress : callable, optional
-        Called with the number of maneuvers shown so far and of all.
     """
-    return page_of(run, run_sections(run, vehicle=vehicle, progress=progress))
+    return page_of(run, run_sections(run, vehicle=vehicle))
 
 
 def page_of(run: Run, sections: Sequence[Section]) -> str:
