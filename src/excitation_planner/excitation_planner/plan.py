@@ -94,8 +94,8 @@ class SearchHistory:
     x : ndarray of float, shape (s, l)
         Operation parameters.
     cost : ndarray of float, shape (s,)
-        Criterion there; infinite if the maneuver cannot be driven or judged, or does not
-        fit the area. On an area, most costs are estimates by a few vehicles.
+        Criterion there; infinite if the maneuver cannot be driven or judged, or does not fit the
+        area. On an area, most costs are estimates by a few vehicles.
 
     Raises
     ------
@@ -138,11 +138,11 @@ class Plan:
     cost : float
         H of the target (Eq. 11, with the noise term where `noise_std` > 0).
     criterion_cost : float
-        Cost of the whole set by the criterion: H, or C, D or A in ranges; if the maneuver
-        was not searched for, that of the expected covariance.
+        Cost of the whole set by the criterion: H, or C, D or A in ranges; if the maneuver was not
+        searched for, that of the expected covariance.
     predicted_cost : float or None
-        Value of `criterion_cost` that the search expected; None if the maneuver was not
-        searched for.
+        Value of `criterion_cost` that the search expected; None if the maneuver was not searched
+        for.
     predicted_std : mapping of str to float
         Expected standard deviation of each unknown parameter after all drives of the set, in its
         own unit, measured with the noise below; empty where `noise_std` is 0.
@@ -203,8 +203,8 @@ class Plan:
     Raises
     ------
     PlanError
-        If arrays do not fit each other, the radius is impossible, or an area comes without
-        what keeps a vehicle on it.
+        If arrays do not fit each other, the radius is impossible, or an area comes without what
+        keeps a vehicle on it.
     """
 
     maneuver: str

@@ -105,8 +105,8 @@ class Playback:
     countdown : float
         Time between the start and the first command [s].
     ground_needed : bool
-        Whether a plan must state its ground, even if only that it has none; a plan whose
-        ground has not come yet is then not driven without its fence.
+        Whether a plan must state its ground, even if only that it has none; a plan whose ground has
+        not come yet is then not driven without its fence.
     chassis : Chassis
         Geometry with which the vehicle is led back to a start.
     parts : PlanParts

@@ -30,13 +30,13 @@ class VehicleWatch:
     state_timeout : float
         Age of the newest message of `vehicle/state` beyond which no maneuver runs [s].
     commander : str
-        Name of this driver as a commander of the vehicle; empty: it is not checked whom the
-        vehicle obeys.
+        Name of this driver as a commander of the vehicle; empty: it is not checked whom the vehicle
+        obeys.
     clock_tolerance : float
         Time by which a pose may be stamped ahead [s].
     hold_timeout : float
-        Age of the newest message of the hold-to-run button beyond which it counts as
-        released [s]; 0: there is no button.
+        Age of the newest message of the hold-to-run button beyond which it counts as released [s];
+        0: there is no button.
     observed : PlanarState or None
         Newest pose and speed.
     stamp : float

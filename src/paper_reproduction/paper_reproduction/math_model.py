@@ -323,8 +323,7 @@ class Verification:
     histories : dict of str to ndarray
         Cost (q,) of each evaluation of each search, in order.
     optima : dict of str to (ndarray, Indices, float)
-        Best maneuver of each search: x (4,), exact indices and exact H there, without
-        noise.
+        Best maneuver of each search: x (4,), exact indices and exact H there, without noise.
     """
 
     target: str

@@ -121,8 +121,8 @@ class Costs:
     designs : dict
         Designs by (target, k, search).
     faithful : dict
-        Points (n, l) at which DIRECT evaluates the paper's Kriging models, with their costs
-        (n,), by (target, k).
+        Points (n, l) at which DIRECT evaluates the paper's Kriging models, with their costs (n,),
+        by (target, k).
     """
 
     operation: Box

@@ -243,8 +243,8 @@ class Bridge:
         Parameters
         ----------
         command : VehicleCommand or None
-            Command; beyond the vehicle's limits it counts as standstill. None: the
-            boards are to stop the vehicle, until the operator's next ARM.
+            Command; beyond the vehicle's limits it counts as standstill. None: the boards are to
+            stop the vehicle, until the operator's next ARM.
         stamp : float
             Time at which it was wanted [s].
         now : float

@@ -89,8 +89,8 @@ class BridgeSettings:
     Raises
     ------
     LinkError
-        If a value is outside its range, a lower threshold above the upper one, the
-        acceleration above the deceleration, or the mass too small for the board.
+        If a value is outside its range, a lower threshold above the upper one, the acceleration
+        above the deceleration, or the mass too small for the board.
     """
 
     command_rate: float = _setting(50.0, 20.0, 100.0, "Hz of repeats between messages")

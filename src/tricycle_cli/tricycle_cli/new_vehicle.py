@@ -50,8 +50,7 @@ class Question:
     low, high : float
         Bounds of a number.
     choices : tuple of str
-        Possible answers if it is not a number; empty: any text where `low` is not below
-        `high`.
+        Possible answers if it is not a number; empty: any text where `low` is not below `high`.
     asked : callable
         Whether the question is asked, given the answers so far.
     like : str

@@ -60,8 +60,8 @@ def check_folder(path: Path) -> None:
     Raises
     ------
     ExcitationError
-        If a file stands in the folder's place, or there is no permission to make it or to
-        write into it.
+        If a file stands in the folder's place, or there is no permission to make it or to write
+        into it.
     """
     existing = next(folder for folder in (path, *path.parents) if folder.exists())
     if not existing.is_dir():
@@ -246,8 +246,7 @@ def separator_of(lines: Iterable[str]) -> str:
     Parameters
     ----------
     lines : iterable of str
-        Lines of the table, e.g. an open file; the first line that is not blank is the
-        header.
+        Lines of the table, e.g. an open file; the first line that is not blank is the header.
 
     Examples
     --------
@@ -264,8 +263,7 @@ def encode(document: object) -> Any:
     Parameters
     ----------
     document : dataclass
-        Dataclass whose fields may hold dataclasses, mappings, sequences, enumerations and
-        arrays.
+        Dataclass whose fields may hold dataclasses, mappings, sequences, enumerations and arrays.
     """
     # field by field: msgspec leaves out those that `decode` left at their defaults
     if dataclasses.is_dataclass(document):

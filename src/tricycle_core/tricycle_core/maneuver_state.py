@@ -83,8 +83,7 @@ class ManeuverState:
         Raises
         ------
         ValueError
-            If the state is not one of `PlaybackState`, or a time is not a finite
-            number.
+            If the state is not one of `PlaybackState`, or a time is not a finite number.
         """
         start = values.get("start_time", "")
         elapsed, duration = (float(values.get(name, "0")) for name in ("elapsed", "duration"))

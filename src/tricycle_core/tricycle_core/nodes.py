@@ -111,8 +111,7 @@ def overridable(qos: QoSProfile | int) -> dict[str, Any]:
     Parameters
     ----------
     qos : QoSProfile or int
-        Default profile, or its depth; it is copied, because rclpy changes the one it is
-        given.
+        Default profile, or its depth; it is copied, because rclpy changes the one it is given.
     """
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else copy.copy(qos)
     options = QoSOverridingOptions.with_default_policies()

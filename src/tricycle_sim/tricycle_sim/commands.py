@@ -38,8 +38,8 @@ class Commands:
     Raises
     ------
     CommandsError
-        If a number is not finite, goes back in time or is beyond what the PLCs accept; the
-        message names the first row (from 1) and column.
+        If a number is not finite, goes back in time or is beyond what the PLCs accept; the message
+        names the first row (from 1) and column.
     """
 
     time: FloatArray
@@ -108,8 +108,8 @@ def load_commands(path: Path) -> Commands:
     Raises
     ------
     CommandsError
-        If something is wrong; the message names file, row (the first one below the header
-        is 1) and column.
+        If something is wrong; the message names file, row (the first one below the header is 1) and
+        column.
     OSError
         If the file cannot be read.
     """

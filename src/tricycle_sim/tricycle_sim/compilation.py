@@ -102,8 +102,8 @@ def compiled(
     Parameters
     ----------
     function : callable
-        Function at the top level of a module: numba keeps no closures over compiled
-        functions on disk.
+        Function at the top level of a module: numba keeps no closures over compiled functions on
+        disk.
     variant : str
         Tells the code on disk apart where the function is compiled with several `names`.
     exact : bool

@@ -315,8 +315,7 @@ def add_effects(
     effects : sequence of Effect
         Effects on the vehicle.
     values : mapping of str to ndarray of float, shape (n,)
-        Value of each effect by its name, in its unit; an effect without a value does not
-        act.
+        Value of each effect by its name, in its unit; an effect without a value does not act.
     """
     for e in effects:
         if e.name in values:

@@ -32,8 +32,7 @@ class StartRegion:
     x, y : (float, float)
         Lowest and highest coordinate [m]; infinite: anywhere in the area.
     heading : (float, float)
-        Range of headings, from the first counter-clockwise to the second [rad]; a whole
-        turn: any.
+        Range of headings, from the first counter-clockwise to the second [rad]; a whole turn: any.
     """
 
     x: Span = (-math.inf, math.inf)
@@ -74,8 +73,8 @@ class Area:
     Raises
     ------
     PlanError
-        If a polygon is not valid, the margin negative, a start outside, or the datum not a
-        place on earth.
+        If a polygon is not valid, the margin negative, a start outside, or the datum not a place on
+        earth.
     """
 
     keep_in: FloatArray

@@ -110,8 +110,8 @@ class Fence:
         curvature : float
             Curvature without slip to which the commands lead, left positive [1/m].
         push : float
-            Sign of the commanded drive: positive forwards, negative backwards, 0 none;
-            it counts where the vehicle creeps.
+            Sign of the commanded drive: positive forwards, negative backwards, 0 none; it counts
+            where the vehicle creeps.
         """
         if state.frame != self.frame:
             return f"the area is in frame '{self.frame}', the pose on odom in '{state.frame}'"

@@ -88,8 +88,8 @@ class Tube:
         Covered by the footprint of any of the vehicles in the undisturbed maneuver, piece by piece,
         begun with any heading within `START_HEADING_TOLERANCE`.
     stops : ndarray of shapely.Polygon, shape (s,)
-        Ground covered by the vehicle in stops from any time, up to where it rests; also
-        when it drives backwards to the start.
+        Ground covered by the vehicle in stops from any time, up to where it rests; also when it
+        drives backwards to the start.
     """
 
     drives: NDArray[np.object_]

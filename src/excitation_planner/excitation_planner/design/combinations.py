@@ -73,8 +73,7 @@ def best_combinations(
     Returns
     -------
     points : ndarray of float, shape (s, l)
-        Combinations, in the unit box of the set; none if no maneuver of one family can be
-        driven.
+        Combinations, in the unit box of the set; none if no maneuver of one family can be driven.
     simulations : int
         Number of simulations that this took.
     """

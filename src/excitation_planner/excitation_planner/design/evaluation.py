@@ -114,8 +114,7 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
     f : callable
         Simulator f(x, P).
     problem : DesignProblem
-        Design problem: the boxes, and the criterion, which decides the shape of the
-        outputs.
+        Design problem: the boxes, and the criterion, which decides the shape of the outputs.
     x : ndarray of float, shape (l,)
         Operation parameters.
     U : ndarray of float, shape (n, k + e)

@@ -84,8 +84,7 @@ class Design:
     simulations, failed : int
         Number of runs of f, verification included, and how many of them failed (NaN).
     verification : Sensitivity or callable
-        Indices at x from fresh samples, or a function that computes them; see
-        `sensitivity`.
+        Indices at x from fresh samples, or a function that computes them; see `sensitivity`.
     """
 
     operation: Box
@@ -248,8 +247,8 @@ def design_excitation(
     prior : BoxPrior, optional
         For C, D and A: knowledge from earlier drives; None: uniform.
     beside : BesideParameters
-        For C, D and A: the e inputs that f takes after the k parameters, which are
-        uncertain but not of interest (nuisance parameters).
+        For C, D and A: the e inputs that f takes after the k parameters, which are uncertain but
+        not of interest (nuisance parameters).
     draws : int
         For C, D and A: parameter values over which the criterion is averaged, k + e + 1 runs each.
     budget : int
@@ -259,8 +258,8 @@ def design_excitation(
     search : Search or str
         How the operation box is searched.
     executor : Executor, optional
-        Executor in which f runs; by default processes of this machine, made and ended by
-        this call. They get f by value: it may be defined in a notebook or in a script.
+        Executor in which f runs; by default processes of this machine, made and ended by this call.
+        They get f by value: it may be defined in a notebook or in a script.
     workers : int, optional
         Number of those processes, by default one per core; 1 runs everything in this process.
     chunk : int, optional
@@ -280,10 +279,9 @@ def design_excitation(
     Raises
     ------
     DesignError
-        If target, criterion or search is unknown, the budget too small, f raises or cannot
-        be sent to another process, workers die or hang again and again or have another
-        version, no maneuver of the family can be driven and judged, or the store is of
-        another design.
+        If target, criterion or search is unknown, the budget too small, f raises or cannot be sent
+        to another process, workers die or hang again and again or have another version, no maneuver
+        of the family can be driven and judged, or the store is of another design.
     """
     problem = DesignProblem(
         operation=Box.of(operation),

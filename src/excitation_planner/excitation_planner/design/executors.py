@@ -44,8 +44,7 @@ class _Job:
     samples : range
         Numbers of the samples to simulate.
     U : ndarray of float, shape (q, k + e)
-        Parameters of those samples in the unit box; of all samples if the job evaluates
-        them.
+        Parameters of those samples in the unit box; of all samples if the job evaluates them.
     outcome : tuple or str, optional
         Result of f at all samples; None: still to be simulated.
     judged : bool
@@ -198,8 +197,8 @@ def evaluations(
     Raises
     ------
     DesignError
-        If a chunk, timeout or number of workers is not positive, or f cannot be sent to
-        another process.
+        If a chunk, timeout or number of workers is not positive, or f cannot be sent to another
+        process.
     """
     for name, number in (("chunk", chunk), ("workers", workers)):
         if number is not None and number < 1:

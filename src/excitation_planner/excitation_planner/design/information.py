@@ -261,8 +261,8 @@ class ManeuverSet:
     simulators : tuple of callable
         Simulator of each maneuver, from x (l_i,) and P (n, k) to trajectories (n, t_i, c).
     operations : tuple of Box
-        Operation box of each maneuver. In `operation` their names are numbered:
-        ``1.radius``, ``2.d1``.
+        Operation box of each maneuver. In `operation` their names are numbered: ``1.radius``,
+        ``2.d1``.
     """
 
     simulators: tuple[Callable[[FloatArray, FloatArray], FloatArray], ...]

@@ -65,13 +65,13 @@ class TrajectoryNoise:
     period : float
         Time between trajectory points [s].
     start_position_std, start_heading_std : float
-        Standard deviation of the start pose [m per axis, rad]; 0: known exactly. Channels 0
-        and 1 are then x and y [m].
+        Standard deviation of the start pose [m per axis, rad]; 0: known exactly. Channels 0 and 1
+        are then x and y [m].
     heading_channel : int, optional
         Channel that is the heading [rad] and turns with the start pose.
     delay_std : float
-        Standard deviation of the clock offset of the start pose's channels, and of each
-        further channel, relative to the maneuver's clock [s]; 0: exact.
+        Standard deviation of the clock offset of the start pose's channels, and of each further
+        channel, relative to the maneuver's clock [s]; 0: exact.
     bias_std : float or tuple of float
         Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
         One for all of them, or one each.
@@ -170,13 +170,13 @@ class MeasurementNoise:
     wheel_speed_std : float
         White noise of the rear wheel's speed [rad/s]; 0: it is not measured.
     wheel_rate : float
-        Sampling rate of the wheel speed [Hz]. Identification counts rounded readings of a
-        second as one.
+        Sampling rate of the wheel speed [Hz]. Identification counts rounded readings of a second as
+        one.
     drift_std, drift_time : float
         Standard deviation [m] and correlation time [s] of a slow drift of the position.
     start_position_std, start_heading_std : float
-        Standard deviation of the start pose [m per axis, rad]. A design for a start pose
-        that is known exactly (0) is a poor one when it is not.
+        Standard deviation of the start pose [m per axis, rad]. A design for a start pose that is
+        known exactly (0) is a poor one when it is not.
 
     Raises
     ------

@@ -100,8 +100,7 @@ class Verified:
     cost_interval : (float, float)
         95 % interval of its cost.
     sensitivity : Sensitivity, callable or None
-        Sobol' indices, or a function that computes them; None if the maneuver is
-        infeasible.
+        Sobol' indices, or a function that computes them; None if the maneuver is infeasible.
     """
 
     evaluation: Evaluation

@@ -116,8 +116,7 @@ class Study:
         target : str or None
             Unknown parameter to excite; the criteria D and A need none.
         criterion : Criterion or str
-            Criterion that is minimised. H needs a number per simulation, C, D and A its
-            trajectory.
+            Criterion that is minimised. H needs a number per simulation, C, D and A its trajectory.
         noise_variance : float or TrajectoryErrorNoise
             For H: variance V_n that noise gives to the output.
         trajectory_noise : TrajectoryNoise
@@ -127,8 +126,7 @@ class Study:
         prior : BoxPrior, optional
             For C, D and A: knowledge from earlier drives; None: uniform.
         beside : BesideParameters
-            For C, D and A: the e uncertain inputs (nuisance parameters) after the k
-            parameters.
+            For C, D and A: the e uncertain inputs (nuisance parameters) after the k parameters.
         draws : int
             For C, D and A: parameter values over which the criterion is averaged.
         budget : int
@@ -240,8 +238,8 @@ class Study:
         samples : sequence of int, length q
             Numbers of the simulations, in any order.
         outputs : ndarray of float, shape (q,) or (q, t, c), or tuple of the latter
-            Results of f: numbers for the criterion H, else trajectories. NaN marks a
-            failed simulation.
+            Results of f: numbers for the criterion H, else trajectories. NaN marks a failed
+            simulation.
 
         Raises
         ------

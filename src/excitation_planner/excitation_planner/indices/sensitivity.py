@@ -161,8 +161,8 @@ def sensitivity(
     Raises
     ------
     DesignError
-        If samples are too few, f raises or gives the wrong shape, the output is constant,
-        or too many simulations failed.
+        If samples are too few, f raises or gives the wrong shape, the output is constant, or too
+        many simulations failed.
 
     Examples
     --------

@@ -175,8 +175,8 @@ def family_by_name(name: str) -> ManeuverFamily:
     Raises
     ------
     PlanError
-        If the name is unknown, or the family cannot be used; the message lists the known
-        ones, or gives the reason.
+        If the name is unknown, or the family cannot be used; the message lists the known ones, or
+        gives the reason.
     """
     key = name.replace("-", "_")
     # a colcon workspace over an installed wheel registers the same class twice

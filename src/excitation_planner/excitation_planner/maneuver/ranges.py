@@ -136,8 +136,8 @@ def with_ranges(
         Some have the parameters named.
     ranges : mapping of str to (float, float)
         Range by ``NAME``, for every family that has it, or by ``FAMILY.NAME``: an operation
-        parameter, or a setting of the family that is a number, as the speed of a slalom,
-        which then is one too.
+        parameter, or a setting of the family that is a number, as the speed of a slalom, which then
+        is one too.
     smaller : bool
         Whether of families whose speed is a setting those in `SMALLER` are searched too, unless a
         range is given: a slow vehicle stops in less room, and a short maneuver needs less.

@@ -256,8 +256,7 @@ def predicted_progress(
     Raises
     ------
     DesignError
-        If the plan has no measurement noise, or none of the vehicles drawn can be
-        simulated.
+        If the plan has no measurement noise, or none of the vehicles drawn can be simulated.
     """
     if plan.noise.noise_std == 0.0:
         raise DesignError("a plan with noise_std 0 predicts nothing")

@@ -69,8 +69,8 @@ def replayed_errors(
     parameters : ndarray of float, shape (n, k)
         Unknown parameters.
     threads : int, optional
-        Number of threads; None: one per processor. A search that evaluates maneuvers in
-        parallel takes one each.
+        Number of threads; None: one per processor. A search that evaluates maneuvers in parallel
+        takes one each.
     """
     errors = np.empty(len(parameters))
 
@@ -91,21 +91,19 @@ def nominal_run(
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle with its nominal values; with a room, the ranges of its parameters count
-        too.
+        Vehicle with its nominal values; with a room, the ranges of its parameters count too.
     family : ManeuverFamily
         Family of the maneuver.
     x : ndarray of float, shape (l,)
         Operation parameters.
     room : Room, optional
-        Area, footprint and position noise that the maneuver must fit with every vehicle of
-        the ranges.
+        Area, footprint and position noise that the maneuver must fit with every vehicle of the
+        ranges.
 
     Raises
     ------
     InfeasibleManeuver
-        If the nominal vehicle cannot drive it, or it does not fit; the message is the
-        reason.
+        If the nominal vehicle cannot drive it, or it does not fit; the message is the reason.
     PlanError
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
@@ -133,8 +131,7 @@ def nominal_commands(
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle with its nominal values; with a room, the ranges of its parameters count
-        too.
+        Vehicle with its nominal values; with a room, the ranges of its parameters count too.
     family : ManeuverFamily
         Family of the maneuver.
     x : ndarray of float, shape (l,)

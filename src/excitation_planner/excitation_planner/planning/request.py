@@ -51,16 +51,16 @@ class PlanRequest:
     area : Area, optional
         Ground that all vehicles of the ranges stay on, with a margin.
     effects : tuple of str
-        Names from `tricycle_sim.effects.EFFECTS`: errors of the vehicle file that the
-        criteria C, D and A and the predicted deviations count.
+        Names from `tricycle_sim.effects.EFFECTS`: errors of the vehicle file that the criteria C, D
+        and A and the predicted deviations count.
     known_effects : mapping of str to float
         Standard deviations of some effects after earlier drives, in the effects' units.
 
     Raises
     ------
     PlanError
-        If the target is not one of the vehicle's unknown parameters, or the criterion
-        cannot judge this request.
+        If the target is not one of the vehicle's unknown parameters, or the criterion cannot judge
+        this request.
     """
 
     vehicle: Vehicle

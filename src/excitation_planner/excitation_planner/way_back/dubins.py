@@ -80,8 +80,7 @@ def dubins_lengths(start: FloatArray, goal: FloatArray, radius: float) -> FloatA
     Returns
     -------
     lengths : ndarray of float, shape (6, 3, n, m)
-        Lengths by the order of `WORDS` [m]; infinite where a word does not connect the
-        poses.
+        Lengths by the order of `WORDS` [m]; infinite where a word does not connect the poses.
     """
     dx = (goal[:, 0] - start[:, None, 0]) / radius
     dy = (goal[:, 1] - start[:, None, 1]) / radius

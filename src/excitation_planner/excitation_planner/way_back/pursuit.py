@@ -232,8 +232,7 @@ class WayBack:
     angle : float
         Commanded steering motor angle [rad].
     wanted : Pose or None
-        Pose of the unsteered axle's middle at rest while a route from there is needed, else
-        None.
+        Pose of the unsteered axle's middle at rest while a route from there is needed, else None.
     arrived : bool
         Whether it rests at the goal.
     """

@@ -163,8 +163,8 @@ class Topic:
     type : str
         Type of its messages: ``nav_msgs/msg/Odometry``.
     definition : str
-        Definition of the type in ``.msg`` syntax with its dependencies; empty if unknown.
-        Bytes of a binary definition that are no text are surrogates (`surrogateescape`).
+        Definition of the type in ``.msg`` syntax with its dependencies; empty if unknown. Bytes of
+        a binary definition that are no text are surrogates (`surrogateescape`).
     type_hash : str
         Hash of the type: ``RIHS01_...``; empty if unknown.
     qos : tuple of OfferedQos
@@ -174,8 +174,7 @@ class Topic:
     encoding : str
         Encoding of the messages; other ones than CDR are copied, but not decoded.
     definition_encoding : str
-        Encoding of the definition, as MCAP names it: ``ros2msg``, ``ros2idl``,
-        ``jsonschema``, ...
+        Encoding of the definition, as MCAP names it: ``ros2msg``, ``ros2idl``, ``jsonschema``, ...
     """
 
     name: str

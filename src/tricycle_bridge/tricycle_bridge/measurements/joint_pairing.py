@@ -67,8 +67,8 @@ def joint_reading(
     telemetry : SteerState or DriveState
         State frame of the board.
     limits : SteerLimits or DriveLimits, optional
-        The board's answer to LIMITS_REQ; the drive's hold the travel per hall pulse that
-        the board counts its speed with, which is its own until it is set up.
+        The board's answer to LIMITS_REQ; the drive's hold the travel per hall pulse that the board
+        counts its speed with, which is its own until it is set up.
     tyre_radius : float
         Radius of the rear wheel [m].
     hall_pulse : float

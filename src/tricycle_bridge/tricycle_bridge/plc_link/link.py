@@ -189,8 +189,8 @@ class PlcLink:
     boot_wait : float
         Silence after opening [s]: a UNO resets on DTR and stays in its bootloader for about 2 s.
     setup : SteerSetup or DriveSetup, optional
-        Message that sets up the PLC for the vehicle in each session; without it the PLC
-        cannot be armed.
+        Message that sets up the PLC for the vehicle in each session; without it the PLC cannot be
+        armed.
 
     Attributes
     ----------

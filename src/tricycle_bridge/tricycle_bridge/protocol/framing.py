@@ -67,15 +67,15 @@ class DecoderCounters:
     ok : int
         Decoded frames.
     length : int
-        Segments that are too long or too short, or whose payload is shorter than in the
-        message table.
+        Segments that are too long or too short, or whose payload is shorter than in the message
+        table.
     cobs, crc : int
         Segments with a COBS error, and with a wrong checksum.
     version : int
         Frames of another major version.
     unknown : int
-        Frames for another board, in the other direction, or with an id that is not in the
-        message table.
+        Frames for another board, in the other direction, or with an id that is not in the message
+        table.
     session : int
         Frames of another session.
     """

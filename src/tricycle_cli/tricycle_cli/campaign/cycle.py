@@ -357,16 +357,15 @@ class Campaign:
         Parameters
         ----------
         read : callable, optional
-            Reads the drive of a bag for a vehicle; default: `read_measured_drive`, by
-            `topics`.
+            Reads the drive of a bag for a vehicle; default: `read_measured_drive`, by `topics`.
         progress : callable, optional
             Progress callback, as in `parameter_identification.identification.identify`.
 
         Raises
         ------
         PlanError
-            If the bag of the last drive holds no usable drive, or it determines
-            nothing; the bag is kept.
+            If the bag of the last drive holds no usable drive, or it determines nothing; the bag is
+            kept.
         """
         step = self.steps[-1]
         read = read or partial(read_measured_drive, topics=self.topics)

@@ -102,8 +102,7 @@ def run_new(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file exists, there is no terminal to ask at, or the answers do not make a
-        vehicle.
+        If the file exists, there is no terminal to ask at, or the answers do not make a vehicle.
     """
     from tricycle_cli.new_vehicle import ask, from_answers, from_file
 

@@ -33,8 +33,7 @@ class Monitor(Closing):
     domain : int
         ROS domain id.
     namespace : str
-        Namespace of the tricycle; empty for the root. Its diagnostics are in it too, as
-        launched.
+        Namespace of the tricycle; empty for the root. Its diagnostics are in it too, as launched.
 
     Attributes
     ----------

@@ -270,11 +270,9 @@ class Operator(Closing):
         back : bool
             Whether the vehicle drives to the start by itself; a simulated one is not reset then.
         ask : callable, optional
-            Waits for the start signal, once the driver has the plan; before anything
-            moves.
+            Waits for the start signal, once the driver has the plan; before anything moves.
         enough : Enough, optional
-            When the drive may end before the plan does; `identification_monitor` must
-            be running.
+            When the drive may end before the plan does; `identification_monitor` must be running.
 
         Raises
         ------

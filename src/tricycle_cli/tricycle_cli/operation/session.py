@@ -100,11 +100,11 @@ def simulated_session(
         Makes the vehicle drive to the start of each further drive, and at the end to that of the
         last one, instead of being put there: the folder for the bag of this last way.
     monitor : bool
-        Whether `identification_monitor` runs too, so that a drive can end once it has
-        determined enough.
+        Whether `identification_monitor` runs too, so that a drive can end once it has determined
+        enough.
     noise_seed : int
-        Seed of the sensors' noise; negative: another one in every session, so that the
-        drives of two sessions are independent.
+        Seed of the sensors' noise; negative: another one in every session, so that the drives of
+        two sessions are independent.
 
     Yields
     ------

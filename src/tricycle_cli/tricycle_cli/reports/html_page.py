@@ -32,8 +32,8 @@ class TableBlock:
     headings : tuple of str
         Headings of the columns.
     rows : tuple of tuple of str
-        Cells of each row, one per heading; a cell that ends with ✗ is marked as a miss.
-        Cells of `Markup` hold HTML.
+        Cells of each row, one per heading; a cell that ends with ✗ is marked as a miss. Cells of
+        `Markup` hold HTML.
     caption : str
         Text above it.
 

@@ -43,8 +43,8 @@ def write_rendered_film(
     commands : Commands
         Commands of the recorded drive.
     series : TimeSeries
-        Time series of the recorded drive: the measured and the nominal path are drawn on
-        the ground.
+        Time series of the recorded drive: the measured and the nominal path are drawn on the
+        ground.
     vehicle : Vehicle
         Vehicle that the boards are set up for.
     settings : BridgeSettings

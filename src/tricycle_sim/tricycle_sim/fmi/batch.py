@@ -42,8 +42,8 @@ class FmuSimulator:
         Parameters
         ----------
         vehicle : Vehicle
-            Vehicle whose unknown parameters are those of the samples; others of the
-            mapping have its values.
+            Vehicle whose unknown parameters are those of the samples; others of the mapping have
+            its values.
         commands : Commands
             Commands, each held until the next, slewed as the boards do.
         setpoint : float
@@ -130,8 +130,8 @@ class FmuBatch:
         columns : sequence of str
             Columns to record, from `COLUMNS`.
         speed : ndarray of float, shape (n,), optional
-            Speed at which the vehicles roll at the start [m/s], if the mapping has
-            `start_speed`; by default they are at rest.
+            Speed at which the vehicles roll at the start [m/s], if the mapping has `start_speed`;
+            by default they are at rest.
         steering_delay : ndarray of float, shape (n,), optional
             Additional delay of each servo's set-point [s]; default: none.
         drive_delay : float
@@ -139,8 +139,7 @@ class FmuBatch:
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s]; default: none.
         steered : ndarray of float, shape (n, t), optional
-            Angle that is added to each servo's set-point [rad], with the same delay;
-            default: none.
+            Angle that is added to each servo's set-point [rad], with the same delay; default: none.
 
         Raises
         ------
@@ -226,8 +225,8 @@ class FmuFunction:
     commands : callable
         Function from operation parameters x (l,) to `Commands`.
     output : callable
-        Function from the columns (`COLUMNS`, each (n, t)) and the operation parameters to
-        outputs (n,).
+        Function from the columns (`COLUMNS`, each (n, t)) and the operation parameters to outputs
+        (n,).
     """
 
     def __init__(

@@ -38,19 +38,18 @@ class Fmu:
     mapping : FmuMapping
         Mapping of our quantities to the FMU's variables.
     places : dict
-        Type, value reference, and factor from the FMU's unit to ours, by part of the
-        mapping and name.
+        Type, value reference, and factor from the FMU's unit to ours, by part of the mapping and
+        name.
     readings : dict
-        Names of outputs, their value references, and factors from the FMU's units to ours,
-        by type.
+        Names of outputs, their value references, and factors from the FMU's units to ours, by type.
     only_once : bool
         Whether a process can have one instance of it at a time.
 
     Raises
     ------
     PlantError
-        If it is not an FMU, not for co-simulation, or lacks a variable, or one has a wrong
-        unit or causality.
+        If it is not an FMU, not for co-simulation, or lacks a variable, or one has a wrong unit or
+        causality.
     """
 
     def __init__(self, mapping: FmuMapping, units: Mapping[str, str] | None = None) -> None:

@@ -44,9 +44,8 @@ class MultiBodyPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle as boards and planner know it: `bmw_320i.yaml` beside this module, or like
-        it. Servo, linkage, motor and brake are the file's; they make the rate and the
-        acceleration.
+        Vehicle as boards and planner know it: `bmw_320i.yaml` beside this module, or like it.
+        Servo, linkage, motor and brake are the file's; they make the rate and the acceleration.
     seed : int
         Not used: nothing is random.
 

@@ -29,8 +29,7 @@ def fmu_plant(
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle as boards and planner know it; its values are those of the mapping's
-        parameters.
+        Vehicle as boards and planner know it; its values are those of the mapping's parameters.
     seed : int
         Not used: nothing is random.
     file : Path
@@ -54,8 +53,7 @@ class FmuPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle as boards and planner know it; its values are those of the mapping's
-        parameters.
+        Vehicle as boards and planner know it; its values are those of the mapping's parameters.
     mapping : FmuMapping
         Mapping of our quantities to the FMU's variables.
     file : Path

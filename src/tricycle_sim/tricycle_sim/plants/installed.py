@@ -51,8 +51,8 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     Raises
     ------
     PlantError
-        If the name is unknown, or the plant cannot be made; the message says which are
-        known, or why.
+        If the name is unknown, or the plant cannot be made; the message says which are known, or
+        why.
     """
     name, _, file = name.partition(":")
     if name == OWN:

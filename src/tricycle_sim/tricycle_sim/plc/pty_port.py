@@ -22,8 +22,8 @@ class PtyPort(Closing):
     Parameters
     ----------
     link : path, optional
-        Path at which the serial device appears (a symbolic link, replaced atomically);
-        None: only at its ``/dev/pts/...`` path.
+        Path at which the serial device appears (a symbolic link, replaced atomically); None: only
+        at its ``/dev/pts/...`` path.
 
     Attributes
     ----------

@@ -273,8 +273,7 @@ class CommandedBatch:
     steering_motor_angle : ndarray of float, shape (t,)
         Steering motor angle of the nominal vehicle [rad].
     available : dict
-        Every column that can be recorded, by name: the rows that it needs, and how it is
-        computed.
+        Every column that can be recorded, by name: the rows that it needs, and how it is computed.
 
     Raises
     ------
@@ -365,15 +364,13 @@ class CommandedBatch:
         parameters : ndarray of float, shape (n, k)
             Values of `vehicle.unknown` in its order.
         columns : sequence of str
-            Columns to record: names of columns of `Trajectory`, or `vx_world`,
-            `vy_world` [m/s]; not the steering motor's angle.
+            Columns to record: names of columns of `Trajectory`, or `vx_world`, `vy_world` [m/s];
+            not the steering motor's angle.
         speed : ndarray of float, shape (n,), optional
-            Speed at which the vehicles roll at the start [m/s]; by default they are at
-            rest.
+            Speed at which the vehicles roll at the start [m/s]; by default they are at rest.
         steering_delay : ndarray of float, shape (n,), optional
-            Additional delay of each servo's set-point [s]; default: none. The motion is
-            smoother in it than in `servo_delay`, by which set-points change between
-            ticks.
+            Additional delay of each servo's set-point [s]; default: none. The motion is smoother in
+            it than in `servo_delay`, by which set-points change between ticks.
         drive_delay : float
             Additional delay of the motor's set-point [s].
         faster : ndarray of float, shape (n, t), optional

@@ -69,8 +69,8 @@ class Vehicle:
     Raises
     ------
     VehicleError
-        If an entry is missing, unknown to the vehicle or out of its range; the message
-        names the first.
+        If an entry is missing, unknown to the vehicle or out of its range; the message names the
+        first.
     """
 
     name: str
@@ -265,8 +265,8 @@ class Vehicle:
         Parameters
         ----------
         **values : float
-            New value by the constant's name, in its unit; for an unknown parameter the
-            nominal value.
+            New value by the constant's name, in its unit; for an unknown parameter the nominal
+            value.
 
         Raises
         ------

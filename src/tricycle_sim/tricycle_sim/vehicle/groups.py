@@ -120,8 +120,7 @@ def pack(
     parameters : ndarray of float, shape (n, k)
         Values of `vehicle.unknown`, in its order.
     start : Equilibrium
-        Equilibrium of the vehicle. Where the parameters move it, every sample stands in its
-        own.
+        Equilibrium of the vehicle. Where the parameters move it, every sample stands in its own.
     speed : ndarray of float, shape (n,), optional
         Speed at which they roll straight on [m/s]; by default they are at rest.
 

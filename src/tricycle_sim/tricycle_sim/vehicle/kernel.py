@@ -75,13 +75,13 @@ class Laws(NamedTuple):
     states : int
         Number of rows of states.
     own_commands : bool
-        Whether each vehicle of a group has its own table of the steering, and a speed of
-        its own that is added to the motor's set-point.
+        Whether each vehicle of a group has its own table of the steering, and a speed of its own
+        that is added to the motor's set-point.
     sides, driven, braked : tuple
         As in `Structure`.
     tyre_0, tyre_1, tyre_2, tyre_3 : compiled function
-        Law of each wheel's tyre; separate fields, because numba calls an entry of a tuple
-        through a pointer.
+        Law of each wheel's tyre; separate fields, because numba calls an entry of a tuple through a
+        pointer.
     motor, brake, servo, linkage : compiled function
         Law of each of these parts.
     """
@@ -567,9 +567,8 @@ class Functions(NamedTuple):
     steer : callable
         `tricycle_sim.vehicle.steering.run_servo` without its first two arguments.
     wheel_angles : callable
-        Function from motor angle [rad] and constants of the steering to the angles of the
-        wheels about their king-pins, left and right [rad], and their slopes by the motor
-        angle.
+        Function from motor angle [rad] and constants of the steering to the angles of the wheels
+        about their king-pins, left and right [rad], and their slopes by the motor angle.
     road_angle, motor_angle_for : callable
         `road_angle_of`, `motor_angle_of` of `tricycle_sim.vehicle.steering` without their first
         argument.

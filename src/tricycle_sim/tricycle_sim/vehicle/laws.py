@@ -29,8 +29,8 @@ class Constant:
     per_wheel : bool
         Whether wheels or axles may have their own value: `front.tyre_radius`.
     setting : bool
-        Whether it is a setting of the boards or of plans: the motion of a vehicle under
-        given set-points does not depend on it, and it cannot be unknown.
+        Whether it is a setting of the boards or of plans: the motion of a vehicle under given
+        set-points does not depend on it, and it cannot be unknown.
     """
 
     name: str

@@ -26,8 +26,8 @@ class Structure(NamedTuple):
     wheels : int
         Number of wheels, three or four.
     sides : tuple of int
-        Steering of each wheel: 0 steered on the left or alone, 1 steered on the right, -1
-        not steered.
+        Steering of each wheel: 0 steered on the left or alone, 1 steered on the right, -1 not
+        steered.
     driven, braked : tuple of bool
         Whether each wheel is driven, and braked.
     tyres : tuple of str

@@ -143,8 +143,7 @@ def drive_on_card(
     Returns
     -------
     done : int
-        Number of samples that were simulated: all, unless another thread has the card, or
-        it fails.
+        Number of samples that were simulated: all, unless another thread has the card, or it fails.
     """
     from tricycle_sim.vehicle import graphics_card  # takes 0.3 s
 

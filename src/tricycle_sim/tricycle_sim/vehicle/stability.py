@@ -61,8 +61,8 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     Raises
     ------
     VehicleError
-        If the steps are too long; the message names the rate of the fastest mode and the
-        constants behind it, or `steering_limit`.
+        If the steps are too long; the message names the rate of the fastest mode and the constants
+        behind it, or `steering_limit`.
     """
     key = vehicle.fingerprint, step
     if key in _checked:
