@@ -629,7 +629,7 @@ class Playback:
         return f"{reason}; the vehicle drives only where it can be watched" if reason else ""
 
     def _displaced(self) -> str:
-        """How far the vehicle is from where it stood at first; empty within the tolerances."""
+        """Return how far the vehicle was moved in the countdown; empty within the tolerances."""
         here = self._resting.mean()
         if here is None or self._stood is None:  # there was hardly a countdown
             return ""
@@ -644,7 +644,7 @@ class Playback:
         )
 
     def _off_start(self) -> str:
-        """How far the vehicle rests from the planned start; empty within the tolerances."""
+        """Return how far the vehicle rests from the planned start; empty within the tolerances."""
         observed, here = self.watch.observed, self._resting.mean()
         if self._fence is None or observed is None or here is None:
             return ""
@@ -652,7 +652,7 @@ class Playback:
         return self._fence.off_start(replace(observed, x=x, y=y, yaw=yaw))
 
     def _astray(self) -> str:
-        """How far the vehicle is off the path; empty within the limit."""
+        """Return how far the vehicle is off the path; empty within the limit."""
         if self.watch.observed is None or self._anchor is None:
             return "no pose on odom"
         observed, anchor = self.watch.observed, self._anchor

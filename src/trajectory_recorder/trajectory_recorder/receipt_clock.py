@@ -29,7 +29,7 @@ class ReceiptClock:
 
     @property
     def newest(self) -> int:
-        """When the last tick was received [ns]; -1 before the first."""
+        """Time of receipt of the last tick [ns]; -1 before the first."""
         return self._received[-1] if self._received else -1
 
     def tick(self, received: int, time: int) -> None:

@@ -436,7 +436,7 @@ class Recording:
         self._fail(reason)
 
     def _scarce(self, free: int) -> str:
-        """How much less is free than has to be left; empty where there is enough."""
+        """Return by how much the free space is below the reserve; empty if there is enough."""
         reserve = self._settings.disk_reserve
         if free >= reserve:
             return ""

@@ -34,7 +34,7 @@ Links = Mapping[Board, PlcLink]
 
 
 class ArmingOutcome(NamedTuple):
-    """How the operator's request to arm ended.
+    """Outcome of the operator's request to arm.
 
     Attributes
     ----------

@@ -151,7 +151,7 @@ class Bridge:
 
     @property
     def wheel_problem(self) -> str | None:
-        """How the wheel disagrees with odometry or the IMU; None if it does not."""
+        """Contradiction between the wheel's speed and odometry or the IMU; None without one."""
         return self.odometry.problem or self.start.problem
 
     @property

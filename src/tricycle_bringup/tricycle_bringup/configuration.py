@@ -141,7 +141,7 @@ def _short(value: Any) -> str:
 
 
 def _geometry(vehicle: Vehicle) -> dict[str, Any]:
-    """Those of `TurningGeometry` as ROS parameters have them."""
+    """Return the fields of `TurningGeometry` as ROS parameters."""
     return {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in dataclasses.asdict(turning_geometry(vehicle)).items()
@@ -211,7 +211,7 @@ def beyond_the_boards(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def _settings(vehicle: Vehicle) -> dict[str, float]:
-    """Those of `BridgeSettings` that follow from the vehicle."""
+    """Return the fields of `BridgeSettings` that follow from the vehicle."""
     return {
         "tyre_radius": vehicle.driven_radius,
         "hall_pulse": hall_pulse(vehicle.driven_radius),

@@ -174,7 +174,7 @@ class VehicleNodes:
         return self.node(name, name, *parameters, on_exit=_shut_down_after(name))
 
     def actions(self, ports: Parameters) -> list[Action]:
-        """Return all nodes; the monitor where asked for, the model where it can be published.
+        """Return all nodes; the monitor if asked for, the model if it can be published.
 
         Parameters
         ----------

@@ -115,7 +115,7 @@ def _windows_of(
 
 
 def _used(recording: Recording, selection: Selection, windows: Windows) -> str:
-    """How much of a table the windows are, and what is left out."""
+    """Return in words how much of a table is in windows, and what is left out."""
     count, whole = len(selection.drives), recording.time[-1] - recording.time[0]
     return (
         f"{recording.name}: {count} windows of {windows.length:g} s are "

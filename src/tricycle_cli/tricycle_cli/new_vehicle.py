@@ -291,7 +291,7 @@ class _Sized(NamedTuple):
         return cls(wheels, load, weight / len(wheels), track)
 
     def damping(self, stiffness: float, share: float) -> float:
-        """Return so much of the critical damping of a wheel's part of the mass [N s/m]."""
+        """Return a share of the critical damping of the mass on one wheel [N s/m]."""
         return 2.0 * share * math.sqrt(stiffness * self.mean_load / GRAVITY)
 
 

@@ -31,14 +31,14 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
     limit : int
         Largest size [bytes].
     what : str
-        What the file should be, for the message: "a plan".
+        Expected content, for the message: "a plan".
     error : type
         Raised when the file is larger.
 
     Raises
     ------
     ExcitationError
-        Of the type `error`, if the file is larger than `limit`.
+        If the file is larger than `limit`; of the type `error`.
     OSError
         If the file cannot be read.
     """
@@ -132,7 +132,7 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        Of the type `error`, if it is not JSON, or a text of it is not printable.
+        If it is not JSON, or a text of it is not printable; of the type `error`.
     """
     try:
         values = json.loads(_text(content, where, error), parse_constant=_infinity)
@@ -162,8 +162,8 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        Of the type `error`, with the line, if it is not YAML, has aliases, or a key twice in one
-        mapping.
+        If it is not YAML, has aliases, or a key twice in one mapping; of the type `error`, with the
+        line.
     """
     import yaml  # plans do without
 
@@ -212,7 +212,7 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
     Parameters
     ----------
     values : object
-        From a file; names are checked, too.
+        Values from a file; names are checked, too.
     where : str
         Named first in the message.
     error : type
@@ -221,7 +221,7 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
     Raises
     ------
     ExcitationError
-        Of the type `error`; the message names the place.
+        If a text is not printable; of the type `error`, naming the place.
     """
     places = [("", values)]
     while places:
@@ -296,7 +296,8 @@ def decode(
     Raises
     ------
     ExcitationError
-        Of the type `error`; the message names the first entry that does not fit and what would.
+        If the values do not fit; of the type `error`, naming the first entry that does not fit and
+        what would.
     """
     import msgspec
 

@@ -44,7 +44,7 @@ class CommandsError(ExcitationError):
 
 
 class LinkError(ExcitationError):
-    """A by-wire link was asked for something that it cannot do."""
+    """A by-wire link cannot do what it was asked to do."""
 
 
 class DesignError(ExcitationError):

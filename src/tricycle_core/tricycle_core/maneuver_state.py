@@ -14,7 +14,7 @@ from tricycle_core.stamps import SECOND
 
 
 class PlaybackState(Enum):
-    """What the driver is doing."""
+    """Activity of the driver."""
 
     WAITING = "waiting"
     STARTING = "starting"

@@ -1,4 +1,4 @@
-"""What all nodes share: how one runs, declares its parameters and offers its topics.
+"""Common part of all nodes: running one, declaring its parameters, offering its topics.
 
 A node ends quickly and silently, with one line for a user's mistake.
 """
@@ -76,7 +76,7 @@ _KINDS = {
 
 
 class NotTheExecutors(CallbackGroup):
-    """Hides subscriptions and their event handlers from the executor: the node takes from them."""
+    """Hides subscriptions and their event handlers from the executor: the node polls them."""
 
     def can_execute(self, _entity: object) -> bool:
         """Return False."""
@@ -213,7 +213,7 @@ def _warn_of_unknown_parameters(node: Node) -> None:
 
 
 def _told(mistake: Exception) -> str:
-    """What is wrong, in one line."""
+    """Return what is wrong, in one line."""
     if type(mistake).__name__ == "UnknownROSArgsError":  # rclpy says nothing but the list
         return f"unknown ROS arguments: {mistake}"
     text = message_of(mistake)

@@ -1,4 +1,4 @@
-"""How far the tricycle rolls until it rests: the distances that the suite publishes.
+"""Stopping distances of the tricycle, as the suite publishes them.
 
 They hold for the tricycle of the suite with up to 30 kg of load on slopes of up to 5 %, with a
 friction brake that works.

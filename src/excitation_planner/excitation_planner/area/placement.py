@@ -181,7 +181,7 @@ class _Sampled:
         return cls(area, outline, rings, np.concatenate([np.empty((0, 2)), *obstacles]))
 
     def best(self, poses: FloatArray, count: int) -> FloatArray:
-        """Of poses (p, 3) those with the largest clearance."""
+        """Return those of the poses (p, 3) with the largest clearance."""
         # obstacles, which take most of the time, only lower what the border leaves
         border = _least_depth(self.outline, poses, (self.area.keep_in,))
         order = _best(border, len(poses))

@@ -49,7 +49,7 @@ class Fit:
 
     @property
     def shortage(self) -> float:
-        """By how much the border is too close [m]; negative: what is left over."""
+        """Clearance that is lacking [m]; negative: clearance to spare."""
         return self.needed - self.placement.clearance
 
 
@@ -73,7 +73,7 @@ class Room:
 
     @property
     def needed(self) -> float:
-        """Distance between a tube and the border that is asked for [m]."""
+        """Required distance between a tube and the border [m]."""
         return (
             self.area.margin + 3.0 * self.position_std + START_POSITION_TOLERANCE + DIRECTION_NOISE
         )

@@ -97,7 +97,7 @@ class Tube:
 
     @property
     def pieces(self) -> NDArray[np.object_]:
-        """Those of the drives and of the stops."""
+        """Pieces of the drives and of the stops."""
         return np.concatenate([self.drives, self.stops])
 
     @cached_property
@@ -107,7 +107,7 @@ class Tube:
 
     @cached_property
     def whole(self) -> shapely.Polygon:
-        """The same, and that of the stops."""
+        """All ground of the undisturbed maneuver and of the stops."""
         return _outline(self.pieces)
 
 
@@ -238,7 +238,7 @@ def _directions(count: int) -> FloatArray:
 
 
 def _outermost(points: FloatArray, directions: FloatArray) -> FloatArray:
-    """Of points (..., n, 2) the farthest in each direction (d, 2): (..., d, 2)."""
+    """Return the farthest of points (..., n, 2) in each direction (d, 2): (..., d, 2)."""
     sets = points.reshape(-1, *points.shape[-2:])
     together = max(1, CACHED // (len(directions) * sets.shape[1]))
     far = np.concatenate([

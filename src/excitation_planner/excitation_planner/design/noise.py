@@ -153,7 +153,7 @@ NOISE_FIELDS = {
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """How a drive is measured: what a plan assumes about its sensors and the start pose.
+    """Noise of a drive's measurement: what a plan assumes about the sensors and the start pose.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ class BesideParameters:
 
     @property
     def shared(self) -> int:
-        """How many of them all maneuvers of a set have in common."""
+        """Number of them that have the same value in all maneuvers of a set."""
         return len(self.steps) - self.own
 
 

@@ -44,7 +44,7 @@ VERIFICATION = 3
 
 
 class Search(Choice):
-    """How the second stage looks for the cheapest maneuver."""
+    """Method by which the second stage searches for the cheapest maneuver."""
 
     ADAPTIVE = "adaptive"  # corners and Sobol' points, then trust regions from the best of them
     DIRECT = "direct"  # DIRECT on the cost itself

@@ -216,7 +216,7 @@ class Store:
         self.refresh()
 
     def refresh(self) -> None:
-        """Take notice of what other processes have added."""
+        """Read what other processes have added."""
         try:
             self._read()
         except (ValueError, IndexError, csv.Error) as error:

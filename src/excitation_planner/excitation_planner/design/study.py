@@ -195,7 +195,7 @@ class Study:
         return proposals
 
     def pending(self, part: int = 0, parts: int = 1) -> list[Proposal]:
-        """Return a part of what was asked for and is still missing, without a search.
+        """Return one part of the simulations asked for that are still missing, without a search.
 
         For the tasks of an array job, each of which runs a part.
 

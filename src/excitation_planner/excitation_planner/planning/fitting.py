@@ -277,7 +277,7 @@ class FittingSearch:
 
     @property
     def _found(self) -> list[_Tried]:
-        """Those that can be driven."""
+        """Maneuvers tried that can be driven."""
         return [one for one in self._tried if one is not None and one.drivable]
 
     def _by_cost(self) -> list[_Tried]:

@@ -1,4 +1,4 @@
-"""Which changes would make a maneuver fit an area that is too small for it."""
+"""Changes that make a maneuver fit an area that is too small for it."""
 
 from __future__ import annotations
 

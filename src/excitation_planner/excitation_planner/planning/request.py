@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What a plan is made for, and how it is searched.
+    """Vehicle, maneuver family, target and settings of a plan.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ RESENDS = 3
 
 @dataclass(frozen=True)
 class OperationOutcome:
-    """How an operation ended.
+    """Outcome of an operation.
 
     Attributes
     ----------

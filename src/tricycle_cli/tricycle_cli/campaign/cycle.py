@@ -153,7 +153,7 @@ class Campaign:
         self.steps = steps
 
     def _drop_unneeded(self) -> None:
-        """Drop a plan that was not driven and is not asked for any more, with what was recorded."""
+        """Delete a plan that was not driven and is no longer needed, with its recording."""
         step = self.steps[-1] if self.steps else None
         if step is None or step.driven or step.identification is not None:
             return

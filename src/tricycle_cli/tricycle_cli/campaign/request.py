@@ -173,7 +173,7 @@ class CampaignRequest:
         )
 
     def settings(self) -> Settings:
-        """Return what must stay the same while a campaign goes on."""
+        """Return the settings that must stay the same throughout a campaign."""
         return Settings(
             vehicle=self.vehicle.name,
             vehicle_hash=self.vehicle.fingerprint,

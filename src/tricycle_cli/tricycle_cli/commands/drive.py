@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the plan, as often as asked for, and say where the bags are.
+    """Drive the plan as often as asked for, and print the paths of the bags.
 
     Parameters
     ----------

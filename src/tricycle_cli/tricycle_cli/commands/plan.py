@@ -291,7 +291,7 @@ def _summary(plan: Plan) -> str:
 
 
 def _search_summary(plan: Plan) -> str:
-    """How the maneuvers of the plan's set were found."""
+    """Return in words how the maneuvers of the plan's set were found."""
     predicted = (
         ""
         if plan.predicted_cost is None

@@ -1,4 +1,4 @@
-"""When a drive may end before its plan."""
+"""Conditions under which a drive may end before its plan."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -109,7 +109,7 @@ class Monitor(Closing):
 
 
 def _joints(message: JointState) -> JointReading | None:
-    """The two joints; None where the message is of others."""
+    """Return the values of the two joints; None if the message is about others."""
     try:
         steering, wheel = map(list(message.name).index, JOINTS)
         return JointReading(message.position[steering], message.velocity[wheel])

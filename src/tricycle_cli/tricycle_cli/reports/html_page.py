@@ -130,7 +130,7 @@ class PlotBlock:
 
     @property
     def drawn(self) -> list[tuple[int, Markup]]:
-        """Of each plot its height [px], kept free until it is drawn, and its data as JSON."""
+        """Return each plot's height [px], kept free until it is drawn, and its data as JSON."""
         return [(int(plot.layout.height or 400), _script_json(plot)) for plot in self.plots]
 
 

@@ -84,7 +84,7 @@ def trajectories_figure(found: Identification) -> Figure:
 
 
 def _rms(predictions: Mapping[Sensor, Prediction]) -> float:
-    """Of the positions, in mm."""
+    """Return the root mean square of the position residuals [mm]."""
     residual = predictions[Sensor.POSITION].residual
     return 1e3 * math.sqrt(float((residual**2).sum(axis=1).mean()))
 

@@ -419,7 +419,7 @@ def _line(
 
 
 def _thinned(*arrays: FloatArray) -> tuple[FloatArray, ...]:
-    """The same, at most `POINTS` long and with both ends, rounded to what a reader can use."""
+    """Return at most `POINTS` of the values, both ends among them, rounded for display."""
     size = len(arrays[0])
     kept = np.unique(np.linspace(0, size - 1, min(size, POINTS)).round().astype(int))
     return tuple(np.round(array[kept], 6) for array in arrays)

@@ -151,7 +151,7 @@ def _on_the_fit(found: Identification) -> list[str]:
 
 
 def _least_white(found: Identification) -> str:
-    """How many residuals are not white, and which is the farthest from it."""
+    """Return how many residuals are not white, and which is the farthest from white."""
     coloured = found.coloured
     worst = max(coloured, key=lambda test: test.statistic / test.lags)
     count = f"{len(coloured)} of {len(found.whiteness)}"

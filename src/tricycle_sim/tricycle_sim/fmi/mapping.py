@@ -103,7 +103,7 @@ class FmuMapping:
 
     @property
     def path(self) -> Path:
-        """Of the FMU."""
+        """Path of the FMU."""
         return Path(self.folder) / self.fmu
 
     def steps_per_tick(self, file: Path, user: str, inputs: Collection[str]) -> int:

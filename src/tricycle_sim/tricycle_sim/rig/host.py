@@ -113,7 +113,7 @@ class Host:
         Raises
         ------
         LinkError
-            With the bridge's last words, if the boards stop.
+            If the boards stop; the message has the bridge's last words.
         """
         for row in command_rows(commands):
             angle, speed = commands.steering_motor_angle[row], commands.speed[row]
@@ -129,7 +129,7 @@ class Host:
         Raises
         ------
         LinkError
-            With the bridge's reason, if they do not arm.
+            If the boards do not arm; the message has the bridge's reason.
         """
         outcomes: list[str] = []
         self.target = VehicleCommand(0.0, 0.0)

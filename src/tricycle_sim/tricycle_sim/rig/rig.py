@@ -126,7 +126,7 @@ class Rig(Closing):
         return _CABLE[board] not in self._faults
 
     def fail(self, kinds: Collection[FaultKind]) -> None:
-        """Let these fail from the next step on, and nothing else; what fails already goes on.
+        """Set the faults that act from the next step on; those already acting continue.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Rig(Closing):
         )
 
     def reset(self, start: Pose = ORIGIN) -> None:
-        """Put the vehicle at rest at a pose and reboot both boards; time goes on.
+        """Put the vehicle at rest at a pose and reboot both boards; the clock is not reset.
 
         Parameters
         ----------
