@@ -90,14 +90,14 @@ def placed(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -
     Parameters
     ----------
     points : ndarray of float, shape (m, 2)
-        In the body frame [m].
+        Points in the body frame [m].
     x, y, heading : float or ndarray of float, shape (...)
         Poses of the body [m, m, rad].
 
     Returns
     -------
     points : ndarray of float, shape (..., m, 2)
-        In the frame of the poses [m].
+        Points in the frame of the poses [m].
     """
     c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
     px, py = points.T
@@ -111,14 +111,14 @@ def seen_from(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike
     Parameters
     ----------
     points : ndarray of float, shape (m, 2)
-        In the frame of the poses [m].
+        Points in the frame of the poses [m].
     x, y, heading : float or ndarray of float, shape (...)
         Poses of the body [m, m, rad].
 
     Returns
     -------
     points : ndarray of float, shape (..., m, 2)
-        In the body frame [m].
+        Points in the body frame [m].
     """
     c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
     px, py = points.T

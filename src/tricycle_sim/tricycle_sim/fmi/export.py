@@ -171,7 +171,7 @@ def fmu_parameters(vehicle: Vehicle) -> tuple[str, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle; its wheels and laws decide.
+        Vehicle; its wheels and laws are used.
     """
     entries = constant_entries(vehicle.wheels, vehicle.parts)
     steering = steering_constants(vehicle, TICK)

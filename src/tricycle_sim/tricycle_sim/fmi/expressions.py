@@ -29,7 +29,7 @@ def literal(value: float) -> str:
 
 
 class Expression(np.lib.mixins.NDArrayOperatorsMixin):
-    """Symbolic value: arithmetic and NumPy's functions on it give text in C.
+    """Symbolic value: arithmetic and NumPy's functions on it write C text instead of computing.
 
     Parameters
     ----------

@@ -187,7 +187,7 @@ def object_file(vehicle: Vehicle) -> bytes:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle; its wheels and laws decide.
+        Vehicle; its wheels and laws are used.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()

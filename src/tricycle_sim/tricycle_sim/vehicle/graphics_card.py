@@ -46,7 +46,7 @@ def advance_for(vehicle: Vehicle, *, own_commands: bool = False) -> Callable[...
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle; its wheels and laws decide.
+        Vehicle; its wheels and laws are used.
     own_commands : bool
         As for `functions_for`.
     """

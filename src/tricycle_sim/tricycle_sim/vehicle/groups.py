@@ -116,7 +116,7 @@ def pack(
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle of which the samples have the unknown parameters.
+        Vehicle; the samples differ in its unknown parameters.
     parameters : ndarray of float, shape (n, k)
         Values of `vehicle.unknown`, in its order.
     start : Equilibrium
@@ -153,7 +153,7 @@ def sample_values(vehicle: Vehicle, parameters: FloatArray) -> dict[str, Any]:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle of which the samples have the unknown parameters.
+        Vehicle; the samples differ in its unknown parameters.
     parameters : ndarray of float, shape (n, k) or (k,)
         Values of `vehicle.unknown`, in its order.
 

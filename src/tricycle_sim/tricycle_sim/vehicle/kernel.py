@@ -588,7 +588,7 @@ def functions_for(vehicle: Vehicle, *, own_commands: bool = False) -> Functions:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle; its wheels and laws decide.
+        Vehicle; its wheels and laws are used.
     own_commands : bool
         Whether each vehicle of a group has its own table of the steering and of what is added to
         the motor's demand.
@@ -603,7 +603,7 @@ def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle; its wheels and laws decide.
+        Vehicle; its wheels and laws are used.
     function : callable
         Function at the top level of a module; names of `Functions` are global names in it.
     """

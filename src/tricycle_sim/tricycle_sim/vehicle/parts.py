@@ -81,7 +81,7 @@ def structure_of(vehicle: Vehicle) -> Structure:
     Parameters
     ----------
     vehicle : Vehicle
-        Vehicle; its wheels and laws decide.
+        Vehicle; its wheels and laws are used.
     """
     wheels, parts = vehicle.wheels, vehicle.parts
     steered = [wheel for wheel in wheels if wheel.steered]

@@ -94,7 +94,7 @@ def lengthen_relaxation(
     groups : ndarray of float, shape (b, ROWS * LANES)
         Samples; changed in place.
     vehicle : Vehicle
-        Vehicle of which the samples have the unknown parameters.
+        Vehicle; the samples differ in its unknown parameters.
     speed : float
         Highest set-point [m/s]; wheels may be faster by the share `FASTER`, up to `MAX_SPEED`.
     step : float
