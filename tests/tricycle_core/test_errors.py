@@ -39,5 +39,5 @@ def test_a_hint_names_the_closest_name_or_as_many_as_fit_a_line():
     listed = errors.hint("x", many)
     assert listed.startswith("there are: variable_0, ")
     assert listed.endswith(", …")
-    assert len(listed) < errors.LISTED + 20
-    assert len(errors.hint("x", ["y" * 10_000])) < errors.LISTED + 20
+    assert len(listed) < errors.CUT + 20
+    assert len(errors.hint("x", ["y" * 10_000])) < errors.CUT + 20

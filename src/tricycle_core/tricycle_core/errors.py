@@ -23,8 +23,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-LISTED = 500
-"""Largest length of a list of known names in a message [characters]."""
+LISTED, CUT = 500, 100
+"""Length up to which a message lists all known names, and length of a longer list [characters]."""
 
 
 class ExcitationError(ValueError):
@@ -141,7 +141,7 @@ def hint(name: object, known: Iterable[object]) -> str:
     name : object
         Unknown name.
     known : iterable of object
-        Known names; those beyond `LISTED` characters are left out.
+        Known names; of more than fit into `LISTED` characters only the first are listed.
 
     Examples
     --------
@@ -153,5 +153,5 @@ def hint(name: object, known: Iterable[object]) -> str:
     names = [str(one) for one in known]
     listed = ", ".join(names)
     if len(listed) > LISTED:
-        listed = f"{listed[:LISTED].rpartition(', ')[0] or listed[:LISTED]}, …"
+        listed = f"{listed[:CUT].rpartition(', ')[0] or listed[:CUT]}, …"
     return did_you_mean(name, names) or f"there are: {listed}"

@@ -55,7 +55,7 @@ def constant(name, **entries):
     ("change", "message"),
     [
         (lambda d: d["constants"].pop("mass"), "mass: is missing (kg)"),
-        (lambda d: d["constants"].update(wings=1), "wings: is no constant"),
+        (lambda d: d["constants"].update(wings=1), "wings: is not a constant"),
         (lambda d: d.update(colour="red"), "colour: is not a key"),
         (lambda d: d.pop("name"), "name: needs a text"),
         (lambda d: d.update(name="a\x1b[31m\nb"), "name: needs a text of one line"),

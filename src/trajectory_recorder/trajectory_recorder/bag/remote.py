@@ -151,7 +151,7 @@ def remote_files(path: Any) -> tuple[dict[str, Any], list[Path]]:
 
 
 def remote_state(path: Path) -> list[tuple[str, ...]]:
-    """Return the state of a bag's files by the server; it changes with each of them.
+    """Return the server's state of each of a bag's files; it differs once a file has changed.
 
     Parameters
     ----------
