@@ -9,6 +9,9 @@ from numpydoc.docscrape import NumpyDocString
 SRC = Path(__file__).parents[1] / "src"
 MODULES = sorted(p.relative_to(SRC) for p in SRC.glob("*/*/**/*.py"))
 SECTIONS = ("Parameters", "Attributes", "Returns", "Yields", "Raises")
+FRAGMENTS = ("Of ", "That ", "Which ", "Whose ", "Those ", "With ", "Its ")
+"""Beginnings of a description that does not name the thing, as in "Of the starts."."""
+NOT_YET = "parameter_identification"  # has some three hundred of them
 
 
 def public(tree):
@@ -50,6 +53,8 @@ def faults(module):
             for name, kind, text in rows:
                 if not text:
                     yield f"{where}: {section}: {name or kind}: has no description under its type"
+                if " ".join(text).startswith(FRAGMENTS) and module.parts[0] != NOT_YET:
+                    yield f"{where}: {section}: {name or kind}: does not say what it is: {text[0]}"
                 if section in ("Parameters", "Attributes") and not kind:
                     yield f"{where}: {section}: {name}: has no type"
 

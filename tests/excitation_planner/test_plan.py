@@ -104,7 +104,7 @@ def _with(document, value, *path):
         (lambda d: _without(d, "target"), "lacks `target`"),
         (lambda d: _without(d, "drift_std"), r"noise\.drift_std: needs a number, not nothing"),
         (lambda d: _with(d, -1.0, "drift_std"), "drift_std = -1 m must be from 0 to 10"),
-        (lambda d: _with(d, "mass", "target"), "target 'mass' is no unknown parameter"),
+        (lambda d: _with(d, "mass", "target"), "target 'mass' is not an unknown parameter"),
         (lambda d: _without(d, "main", "yaw_inertia"), "main must have an index of each unknown"),
         (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 3"),
         (lambda d: _with(d, "b", "criterion"), "criterion: Invalid enum value 'b'"),

@@ -83,7 +83,7 @@ def test_one_that_fails_on_the_way_ends_the_launch_and_the_bag_is_closed(
 
 
 MISTAKES = {
-    "no FMU": ({"mapping": {"fmu": "bicycle.yaml"}}, "bicycle.yaml: is no FMU"),
+    "no FMU": ({"mapping": {"fmu": "bicycle.yaml"}}, "bicycle.yaml: is not an FMU"),
     "missing variable": (
         {"mapping": {"outputs": {"x": "ex", "y": "y", "heading": "heading"}}},
         "outputs: no variable 'ex'",

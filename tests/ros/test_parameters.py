@@ -118,7 +118,7 @@ def test_parameters_that_are_none_of_the_node_are_warned_of(ros_environment, tmp
         *("--ros-args", "-p", "targt:=yaw_inertia", "-p", "criterion:=h", "-p", "target:=mass")
     )
     assert status == 0
-    assert "targt is no parameter of this node: did you mean target?" in said
+    assert "targt is not a parameter of this node: did you mean target?" in said
     assert "criterion is no" not in said
     assert "no plan can be made: unknown target 'mass'" in said
     said, status = started("--ros-args", "-p", "area_file:=nowhere.yaml")

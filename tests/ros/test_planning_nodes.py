@@ -424,7 +424,7 @@ def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):
     [
         ("tricycle_sim", {"vehicle_file": "nowhere.yaml"}, "nowhere.yaml"),
         ("tricycle_sim", {"true_values": "[mass]"}, "'mass' must be name=number"),
-        ("tricycle_sim", {"true_values": "[weight=3]"}, "weight: is no constant"),
+        ("tricycle_sim", {"true_values": "[weight=3]"}, "weight: is not a constant"),
         ("tricycle_sim", {"real_time_factor": "-1.0"}, "real_time_factor"),
         ("maneuver_driver", {"max_deviation": "0.0"}, "max_deviation"),
         ("excitation_planner", {"seed": "text"}, "seed"),

@@ -172,7 +172,7 @@ def test_cables_are_pulled_and_the_localisation_jumps_by_parameter(
     assert (tmp_path / "drive").exists()
     refused = answer("faults", ["steering_cable"])
     assert not refused.successful
-    assert "steering_cable: want some of hall_open" in refused.reason
+    assert "steering_cable: needs some of hall_open" in refused.reason
     assert not (tmp_path / "steer").exists()
     assert answer("faults", [""]).successful
     watch.wait((tmp_path / "steer").exists)

@@ -150,10 +150,14 @@ def test_no_parameter_is_set_twice(file):
 @pytest.mark.parametrize(
     ("file", "argument", "wanted"),
     [
-        ("simulation.launch.py", {"true_seed": "first"}, "true_seed:=first: want a whole number"),
-        ("vehicle.launch.py", {"payload": "heavy"}, "payload:=heavy: want a number"),
-        ("vehicle.launch.py", {"identification": "yes"}, "identification:=yes: want true or false"),
-        ("replay.launch.py", {"loop": "1"}, "loop:=1: want true or false"),
+        ("simulation.launch.py", {"true_seed": "first"}, "true_seed:=first: needs a whole number"),
+        ("vehicle.launch.py", {"payload": "heavy"}, "payload:=heavy: needs a number"),
+        (
+            "vehicle.launch.py",
+            {"identification": "yes"},
+            "identification:=yes: needs true or false",
+        ),
+        ("replay.launch.py", {"loop": "1"}, "loop:=1: needs true or false"),
     ],
 )
 def test_a_wrong_value_is_told_with_its_argument(file, argument, wanted):
@@ -163,7 +167,7 @@ def test_a_wrong_value_is_told_with_its_argument(file, argument, wanted):
 
 def test_a_misspelt_argument_is_told(caplog):
     launch_actions("vehicle.launch.py", argv=["vehicle_flie:=car.yaml", "bag:=b", "others:=1"])
-    assert caplog.messages == ["vehicle_flie is no launch argument: did you mean vehicle_file?"]
+    assert caplog.messages == ["vehicle_flie is not a launch argument: did you mean vehicle_file?"]
 
 
 def test_values_of_a_replay_have_the_types_of_the_replayers_parameters():

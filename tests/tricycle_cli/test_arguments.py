@@ -5,11 +5,11 @@ from argparse import ArgumentTypeError
 import pytest
 
 from tricycle_cli.arguments import (
+    at_least,
     namespace,
     nonnegative_number,
     parse_assignments,
     real_time_factor,
-    seed,
 )
 from tricycle_core.errors import PlanError
 
@@ -17,7 +17,7 @@ from tricycle_core.errors import PlanError
 @pytest.mark.parametrize(
     ("value", "good", "bad"),
     [
-        (seed, {"0": 0, "12": 12}, ["-1", "1.5", "\u0663", ""]),
+        (at_least(0), {"0": 0, "12": 12}, ["-1", "1.5", "\u0663", ""]),
         (real_time_factor, {"0": 0.0, "2.5": 2.5, "1000": 1000.0}, ["-1", "1001", "nan", "fast"]),
         (namespace, {n: n for n in ("", "one", "/yard/one")}, ["/x/", "a b", "9x", "\u00e4"]),
         (nonnegative_number, {"0": 0.0, "1e3": 1000.0}, ["-1", "inf", "nan", "much"]),
@@ -34,5 +34,5 @@ def test_assignments_give_numbers_by_name():
     assert parse_assignments(["a=1", "b=-2e3"]) == {"a": 1.0, "b": -2000.0}
     with pytest.raises(PlanError, match="a is given twice"):
         parse_assignments(["a=1", "a=2"])
-    with pytest.raises(PlanError, match="'a': want name=number"):
+    with pytest.raises(PlanError, match="'a': needs name=number"):
         parse_assignments(["a"])

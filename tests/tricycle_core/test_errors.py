@@ -7,7 +7,8 @@ from tricycle_core import errors
 
 
 def classes():
-    return dict(inspect.getmembers(errors, inspect.isclass))
+    found = inspect.getmembers(errors, inspect.isclass)
+    return {name: kind for name, kind in found if kind.__module__ == errors.__name__}
 
 
 def test_the_drawn_tree_is_the_tree():
@@ -30,3 +31,13 @@ def test_a_message_of_several_lines_is_one_printable_line():
 
 def test_an_error_of_the_system_is_told_without_its_number():
     assert errors.message_of(OSError(28, "No space left on device")) == "No space left on device"
+
+
+def test_a_hint_names_the_closest_name_or_as_many_as_fit_a_line():
+    many = [f"variable_{i}" for i in range(1000)]
+    assert errors.hint("variabel_7", many) == "did you mean variable_7?"
+    listed = errors.hint("x", many)
+    assert listed.startswith("there are: variable_0, ")
+    assert listed.endswith(", …")
+    assert len(listed) < errors.CUT + 20
+    assert len(errors.hint("x", ["y" * 10_000])) < errors.CUT + 20

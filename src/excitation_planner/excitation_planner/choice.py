@@ -7,7 +7,7 @@ from tricycle_core.errors import DesignError
 
 
 class Choice(StrEnum):
-    """Options with names; ``Choice(name)`` lists the names where it is none of them."""
+    """Enumeration by name; for an unknown name ``Choice(name)`` lists the known ones."""
 
     @classmethod
     def _missing_(cls, value: object) -> Never:

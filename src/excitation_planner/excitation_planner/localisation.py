@@ -1,4 +1,4 @@
-"""What the localisation says, and whether a vehicle can move so."""
+"""Poses of the localisation, and whether a vehicle can have moved so."""
 
 import math
 from collections import deque
@@ -10,13 +10,13 @@ from excitation_planner.preflight import Check
 from tricycle_core.diagnostics import Level
 
 JUMP = 0.3
-"""Distance between a pose and where its own velocity leads that is no noise [m]."""
+"""Distance between a pose and its prediction by the velocity that noise cannot explain [m]."""
 
 TURN_JUMP = 0.2
 """The same for the heading [rad]."""
 
 SHARE = 0.1
-"""The same, of the way or turn meanwhile: error of a measured velocity."""
+"""Additional distance, as a share of the way or turn meanwhile: error of a measured velocity."""
 
 WINDOW = 1.0
 """Time over which poses are compared with the velocity [s]."""
@@ -37,17 +37,17 @@ class PlanarState:
     x, y : float
         Position [m].
     yaw : float
-        Left positive [rad].
+        Heading, left positive [rad].
     speed : float
         Absolute value [m/s].
     slip : float
         Direction of the motion relative to the heading, left positive [rad].
     yaw_rate : float
-        Left positive [rad/s].
+        Yaw rate, left positive [rad/s].
     frame : str
-        Of the pose.
+        Frame in which the pose is given.
     body : str
-        Frame whose pose it is; "": not told.
+        Frame whose pose it is; empty: unknown.
     """
 
     x: float
@@ -70,12 +70,12 @@ class PlanarState:
         return math.isfinite(self.yaw_rate) and math.isfinite(self.slip)
 
     def after(self, time: float) -> tuple[float, float, float]:
-        """Return the pose x, y [m], heading [rad] a short time later, the motion being the same.
+        """Return the pose x, y [m], heading [rad] a short time later, at constant motion.
 
         Parameters
         ----------
         time : float
-            How much later [s].
+            Time by which it is later [s].
         """
         turn, way = self.yaw_rate * time, self.speed * time
         course = self.yaw + self.slip + 0.5 * turn
@@ -103,14 +103,14 @@ class PoseWatch:
     _changed_at: float = -math.inf
 
     def contradiction(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
-        """Take a pose; return why no vehicle can have come there, or an empty string.
+        """Take a pose; return why no vehicle can have moved there, or an empty string.
 
         Parameters
         ----------
         state : PlanarState
-            Finite.
+            Pose with finite numbers.
         stamp : float
-            Of the measurement [s].
+            Time of the measurement [s].
         driven : bool
             Whether the wheels are commanded to turn.
         """
@@ -148,9 +148,9 @@ class RestingPoses:
         Parameters
         ----------
         state : PlanarState
-            Finite.
+            Pose with finite numbers.
         stamp : float
-            Of the measurement [s].
+            Time of the measurement [s].
         """
         poses = self._poses
         if poses and stamp <= poses[-1][0]:  # a clock that was set back
@@ -172,7 +172,7 @@ class RestingPoses:
         Parameters
         ----------
         age : float
-            Of the newest pose [s].
+            Age of the newest pose [s].
         """
         stamps, x, y, yaw = np.array(self._poses).reshape(-1, 4).T
         if stamps.size < 2:

@@ -113,7 +113,7 @@ def _footprint(message: PolygonStamped) -> FloatArray:
 def _planned_start(message: PoseStamped) -> tuple[float, float, float]:
     position, orientation = message.pose.position, message.pose.orientation
     if not is_unit(orientation):
-        raise PlanError("orientation is no unit quaternion")
+        raise PlanError("orientation is not a unit quaternion")
     return position.x, position.y, yaw_of(orientation)
 
 
@@ -238,7 +238,7 @@ class ManeuverDriver(Node):
             self.create_timer(TICK, self._on_tick)
 
     def _chassis(self) -> Chassis:
-        """What the parameters say of the vehicle, for the way back."""
+        """Return the vehicle's geometry by the node's parameters, for the way back."""
         own, geometry = Chassis(), TurningGeometry()
         try:
             geometry = TurningGeometry(

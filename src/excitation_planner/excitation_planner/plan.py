@@ -31,7 +31,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 
 SCHEMA = 3
-"""Of the file: docs/reference-files.md."""
+"""Version of the file format: docs/reference-files.md."""
 
 MAX_BYTES = 64_000_000
 """Largest file that is read; a plan of an hour has a tenth of this."""
@@ -87,20 +87,20 @@ class Reference:
 
 @dataclass(frozen=True)
 class SearchHistory:
-    """What the search evaluated, in order.
+    """Maneuvers that the search evaluated, in order.
 
     Attributes
     ----------
     x : ndarray of float, shape (s, l)
         Operation parameters.
     cost : ndarray of float, shape (s,)
-        Criterion there; infinite where the maneuver cannot be driven or judged, or does not fit the
-        area. On an area that of most is an estimate by a few vehicles.
+        Criterion there; infinite if the maneuver cannot be driven or judged, or does not fit the
+        area. On an area, most costs are estimates by a few vehicles.
 
     Raises
     ------
     PlanError
-        Shapes that do not fit.
+        If shapes do not fit.
     """
 
     x: FloatArray
@@ -126,7 +126,7 @@ class Plan:
     target : str
         The unknown parameter that the maneuver is to excite.
     criterion : Criterion
-        By what the maneuver was chosen.
+        Criterion by which the maneuver was chosen.
     number, drives : int
         Place of this maneuver in the set that was designed together, from 1, and the set's size.
     unknown : mapping of str to (float, float)
@@ -134,31 +134,32 @@ class Plan:
     main, total : mapping of str to Index
         Sobol' indices S and ST of TE by unknown parameter.
     variance : float
-        Of TE over the box of the unknown parameters [m⁴].
+        Variance of TE over the box of the unknown parameters [m⁴].
     cost : float
         H of the target (Eq. 11, with the noise term where `noise_std` > 0).
     criterion_cost : float
-        Of the whole set: H, or the cost by the criterion C, D or A, in ranges; where the maneuver
-        was not searched for, of the expected covariance.
+        Cost of the whole set by the criterion: H, or C, D or A in ranges; if the maneuver was not
+        searched for, that of the expected covariance.
     predicted_cost : float or None
-        What the search expected of `criterion_cost`; None where the maneuver was not searched for.
+        Value of `criterion_cost` that the search expected; None if the maneuver was not searched
+        for.
     predicted_std : mapping of str to float
         Expected standard deviation of each unknown parameter after all drives of the set, in its
         own unit, measured with the noise below; empty where `noise_std` is 0.
     leave_one_out_q2 : float
-        Of the Kriging model of TE.
+        Leave-one-out Q² of the Kriging model of TE.
     simulations : int
         Simulations that the planning took.
     seconds : float
         Time that the planning took [s].
     seed : int
-        The same seed gives the same plan.
+        Seed; the same seed gives the same plan.
     noise : MeasurementNoise
         How the drive is assumed to be measured; in the file its fields stand beside the others.
     feasible : bool
         Whether the nominal vehicle can drive it.
     verdict : str
-        Empty, or why the family cannot excite the target.
+        Why the family cannot excite the target; empty if it can.
     vehicle, vehicle_hash : str
         Name of the vehicle, and hash of its values.
     constants : mapping of str to float
@@ -169,9 +170,9 @@ class Plan:
     tyre_radius : float
         Radius of the rear wheel [m].
     software : str
-        Version that planned.
+        Version of this software that made the plan.
     commands : Commands
-        What the maneuver driver plays.
+        Commands that the maneuver driver plays.
     path : ndarray of float, shape (m, 2)
         Path of the unsteered axle's ground point from the start pose [m].
     reference : Reference
@@ -182,7 +183,7 @@ class Plan:
         Ground that it was planned for; the next four are in its frame, and the next six empty
         without it.
     start_pose : (float, float, float) or None
-        Where `base_link` starts: x, y [m] and heading [rad].
+        Start pose of `base_link`: x, y [m] and heading [rad].
     clearance : float or None
         Distance between the stopping zone and what bounds the area [m].
     tube : tuple of ndarray of float, each of shape (n, 2)
@@ -192,18 +193,18 @@ class Plan:
     footprint : ndarray of float, shape (m, 2), or None
         Corners of the vehicle in its body frame [m].
     curvature : ndarray of float, shape (c,), or None
-        Of the path at each command, without slip, left positive [1/m].
+        Curvature of the path at each command, without slip, left positive [1/m].
     lead_in : float
         Time from the start until which the driver keeps the vehicle on a straight line, closed loop
         [s]; 0: all of it is open loop.
     effects : tuple of str
-        What the vehicle file may not know, and criterion and `predicted_std` count.
+        Errors of the vehicle file that the criterion and `predicted_std` count, by name.
 
     Raises
     ------
     PlanError
-        Arrays that do not fit each other, an impossible radius, or an area without what keeps a
-        vehicle on it.
+        If arrays do not fit each other, the radius is impossible, or an area comes without what
+        keeps a vehicle on it.
     """
 
     maneuver: str
@@ -251,7 +252,7 @@ class Plan:
     def __post_init__(self) -> None:
         _check_array("path", self.path, (None, 2))
         if self.target not in self.unknown:
-            raise PlanError(f"target {self.target!r} is no unknown parameter of the plan")
+            raise PlanError(f"target {self.target!r} is not an unknown parameter of the plan")
         for name in ("main", "total"):
             if set(getattr(self, name)) != set(self.unknown):
                 raise PlanError(f"{name} must have an index of each unknown parameter")
@@ -272,7 +273,7 @@ class Plan:
 
     @property
     def fence(self) -> Fence | None:
-        """What the driver keeps the vehicle on; None without an area."""
+        """Fence that keeps the vehicle on the area; None without an area."""
         area, start, footprint, curvature = (
             self.area,
             self.start_pose,
@@ -336,7 +337,7 @@ def save_plan(plan: Plan, path: Path) -> None:
     Parameters
     ----------
     plan : Plan
-        What is written.
+        Plan to write.
     path : Path
         File; missing folders are made.
 

@@ -1,4 +1,4 @@
-"""What a plan comes with beside its commands, in messages of the same stamp and in any order."""
+"""Messages that accompany a plan's commands: the same stamp, in any order."""
 
 from collections import deque
 from typing import Any
@@ -15,7 +15,7 @@ KEPT = 8
 """Paths, lead-ins and areas that are kept until the commands with the same stamp arrive."""
 
 AREA_PARTS = ("ground", "footprint", "planned_start", "twist")
-"""What a plan with an area comes with, each on a topic `maneuver/…`."""
+"""Messages that accompany a plan with an area, each on a topic `maneuver/…`."""
 
 
 class PlanParts:
@@ -34,7 +34,7 @@ class PlanParts:
         points : ndarray of float, shape (m, 2)
             Relative to the start pose [m].
         stamp : int
-            Of its message [ns]; path and schedule may come in either order.
+            Stamp of its message [ns]; path and schedule may come in either order.
 
         Raises
         ------
@@ -56,7 +56,7 @@ class PlanParts:
         end : float
             Time since the start of the maneuver [s].
         stamp : int
-            Of its message [ns]; it and the schedule may come in either order.
+            Stamp of its message [ns]; it and the schedule may come in either order.
 
         Raises
         ------
@@ -73,50 +73,50 @@ class PlanParts:
         Parameters
         ----------
         part : str
-            Of `AREA_PARTS`.
+            One of `AREA_PARTS`.
         value : object
             Ground: frame and rings, none where the plan has no area. Footprint: corners (m, 2) [m].
             Planned start: x, y [m] and heading [rad]. Twist: curvature of each command [1/m].
         stamp : int
-            Of its message [ns]; parts and schedule may come in any order.
+            Stamp of its message [ns]; parts and schedule may come in any order.
         """
         self._areas.setdefault(stamp, {})[part] = value
         if len(self._areas) > KEPT:
             del self._areas[next(iter(self._areas))]  # the oldest
 
     def path(self, stamp: int) -> FloatArray | None:
-        """Return the path (m, 2) of the commands with a stamp [m]; None where none has come.
+        """Return the path (m, 2) of the commands with a stamp [m]; None if none has come.
 
         Parameters
         ----------
         stamp : int
-            Of the commands [ns].
+            Stamp of the commands [ns].
         """
         paths = [points for of, points in self._paths if of == stamp]
         return paths[-1] if paths else None
 
     def lead_in_end(self, stamp: int) -> float:
-        """Return how long the commands with a stamp lead straight ahead [s]; 0 without a lead-in.
+        """Return for how long the commands with a stamp lead straight ahead [s]; at least 0.
 
         Parameters
         ----------
         stamp : int
-            Of the commands [ns].
+            Stamp of the commands [ns].
         """
         ends = [end for of, end in self._lead_ins if of == stamp]
         return ends[-1] if ends else 0.0
 
     def fence(self, stamp: int, rows: int, *, needed: bool) -> Fence | None:
-        """Return what keeps the vehicle on the area of its plan; None without one.
+        """Return the fence of the plan's area; None without an area.
 
         Parameters
         ----------
         stamp : int
-            Of the commands [ns].
+            Stamp of the commands [ns].
         rows : int
             Number of the commands.
         needed : bool
-            Whether a plan has to say on what ground it may be driven, if only that there is none.
+            Whether a plan must state its ground, even if only that it has none.
 
         Raises
         ------

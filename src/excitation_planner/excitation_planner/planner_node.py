@@ -148,7 +148,7 @@ class ExcitationPlanner(Node):
         return Path(self.get_parameter("plan_file").value)
 
     def _load(self, file: Path, new: Settings) -> Plan:
-        """Plan of a file; raises PlanError where it is of another vehicle than the new one."""
+        """Return the plan in a file; raises PlanError if it is for another vehicle."""
         plan = load_plan(file)
         vehicle, other = (
             new.get(name, self.get_parameter(name).value)

@@ -17,7 +17,7 @@ from excitation_planner.area.fence import (
     Fence,
 )
 from excitation_planner.area.polygons import seen_from
-from excitation_planner.lead_in import LeadIn
+from excitation_planner.line_keeping import LineKeeping
 from excitation_planner.localisation import WINDOW, PlanarState, PoseWatch, RestingPoses
 from excitation_planner.plan_parts import PlanParts
 from excitation_planner.preflight import Check
@@ -59,14 +59,14 @@ DRIVEN = PlaybackState.RUNNING, PlaybackState.RETURNING
 
 @dataclass(frozen=True)
 class JointCommand:
-    """What is commanded of the two joints.
+    """Command for the two joints.
 
     Attributes
     ----------
     steering_motor_angle : float
-        Left positive [rad].
+        Steering motor angle, left positive [rad].
     wheel_rate : float
-        Of the rear wheel, forward positive [rad/s].
+        Rate of the rear wheel, forward positive [rad/s].
     stop : bool
         Whether the boards are to stop the vehicle instead, motor and brake, until it is armed
         again. At a wheel rate of 0 the motor alone slows it down, which on a slope takes longer
@@ -91,7 +91,7 @@ def _failures(checks: Sequence[Check]) -> list[str]:
 
 @dataclass
 class Playback:
-    """Plays one schedule after the other.
+    """Plays schedules, one after the other.
 
     A maneuver runs only while the vehicle says that it is armed, and its pose is known and near the
     path.
@@ -99,28 +99,28 @@ class Playback:
     Attributes
     ----------
     watch : VehicleWatch
-        What is heard of the vehicle; where it has a reason against, the run is aborted.
+        Newest messages of the vehicle; the run is aborted if one speaks against it.
     max_deviation : float
         Distance from the path beyond which the run is aborted [m].
     countdown : float
         Time between the start and the first command [s].
     ground_needed : bool
-        Whether a plan has to say on what ground it may be driven, if only that there is none; a
-        plan whose ground has not come yet is then not driven without its fence.
+        Whether a plan must state its ground, even if only that it has none; a plan whose ground has
+        not come yet is then not driven without its fence.
     chassis : Chassis
-        What takes the vehicle back to a start.
+        Geometry with which the vehicle is led back to a start.
     parts : PlanParts
-        What plans come with beside their commands.
+        Messages that accompany the plans' commands.
     state : PlaybackState
-        What it is doing.
+        Present activity of the driver.
     reason : str
         Why the run ended before its last command; empty otherwise.
     start_time : float or None
-        When row 0 was played [s].
+        Time at which row 0 was played [s].
     elapsed : float
-        Time since then, or since the vehicle was asked to go back, at the newest tick [s].
+        Time since `start_time`, or since the request to go back, at the newest tick [s].
     seconds_left : int
-        Of the countdown.
+        Rest of the countdown [s].
     """
 
     watch: VehicleWatch
@@ -137,7 +137,7 @@ class Playback:
     _plan: _Plan | None = None
     _next: _Plan | None = None  # came during the run
     _finishing: str = ""  # why the maneuver is to end at the next tick
-    _lead_in: LeadIn | None = None  # of the maneuver running
+    _line_keeping: LineKeeping | None = None  # of the maneuver running
     _fence: Fence | None = None  # of the maneuver running
     _resting: RestingPoses = field(default_factory=RestingPoses)  # before row 0
     _poses: PoseWatch = field(default_factory=PoseWatch)
@@ -159,11 +159,11 @@ class Playback:
         Parameters
         ----------
         schedule : Schedule
-            To be played next.
+            Schedule to be played next.
         stamp : int
-            Of its message [ns].
+            Stamp of its message [ns].
         plan_id : str
-            Of its plan.
+            Identifier of its plan.
         """
         self._next = _Plan(schedule, stamp, plan_id)
         if not self._active and self._stopping_since is None:
@@ -175,7 +175,7 @@ class Playback:
         Parameters
         ----------
         state : PlanarState
-            Of the vehicle.
+            Pose and speed of the vehicle.
         stamp : float
             Time of the measurement, by the clock of its sender [s].
         now : float
@@ -263,7 +263,7 @@ class Playback:
         now : float
             Present time [s].
         others : sequence of Check
-            Of the pre-flight, by others than the playback.
+            Items of the pre-flight that the playback does not check itself.
 
         Raises
         ------
@@ -281,7 +281,7 @@ class Playback:
         self._fence = self._fence_of(plan)
         self._poses, self._contradiction = PoseWatch(), ""
         self._path, self._nearest = path, 0
-        self._lead_in = self._lead_in_of(plan)
+        self._line_keeping = self._line_keeping_of(plan)
         self._anchor = self.watch.observed
         self._resting, self._stood = RestingPoses(), None  # it may just have come to rest
         if self._anchor is not None:
@@ -292,19 +292,19 @@ class Playback:
         self.state, self.reason = PlaybackState.STARTING, ""
 
     def go_back(self, now: float, others: Sequence[Check] = ()) -> None:
-        """Drive back, closed loop: to the planned start, without an area to that of the last run.
+        """Drive back, closed loop: to the planned start; without an area to the last run's start.
 
         Parameters
         ----------
         now : float
             Present time [s].
         others : sequence of Check
-            Of the pre-flight, by others than the playback.
+            Items of the pre-flight that the playback does not check itself.
 
         Raises
         ------
         PlanError
-            The reason why the vehicle cannot go back.
+            If the vehicle cannot go back; the message is the reason.
         """
         self._check_free()
         self._check_standing(now)
@@ -327,7 +327,7 @@ class Playback:
 
     @property
     def route_wanted(self) -> RouteRequest | None:
-        """What a route back is looked for; None while none is wanted."""
+        """Request for a route back; None while none is needed."""
         back, fence = self._back, self._fence
         if back is None or back.wanted is None:
             return None
@@ -338,12 +338,12 @@ class Playback:
         return RouteRequest(back.wanted, goal, radius, fence.ground, footprint)
 
     def follow(self, route: tuple[Arc, ...]) -> None:
-        """Take the route that was wanted; without one that is wanted any more, nothing is done.
+        """Take the requested route; ignored if it is no longer needed.
 
         Parameters
         ----------
         route : tuple of Arc
-            For the newest `route_wanted`.
+            Arcs of a route for the newest `route_wanted`.
         """
         if self._back is not None and self._back.wanted is not None:
             self._back.follow(route)
@@ -512,7 +512,7 @@ class Playback:
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
         if reason := (
-            self._unfit(now, directed=self._lead_in is not None)
+            self._unfit(now, directed=self._line_keeping is not None)
             or self._astray()
             or self._fenced_out(schedule, now, row)
         ):
@@ -533,7 +533,7 @@ class Playback:
                 return self._held
             # by the poses since the start was asked for: the vehicle may have moved before
             if self._plan is not None:
-                self._lead_in = self._lead_in_of(self._plan) or self._lead_in
+                self._line_keeping = self._line_keeping_of(self._plan) or self._line_keeping
             self.start_time, self.state = now, PlaybackState.RUNNING
         self.elapsed = now - self.start_time
         if self.elapsed >= schedule.duration - 1e-6:
@@ -548,24 +548,24 @@ class Playback:
         )
         return self._held
 
-    def _lead_in_of(self, plan: _Plan) -> LeadIn | None:
-        """Lead-in of a plan along the line on which the vehicle rests; None without one."""
+    def _line_keeping_of(self, plan: _Plan) -> LineKeeping | None:
+        """Return the line keeping of a plan's lead-in, from the resting pose; None without one."""
         end, pose = self.parts.lead_in_end(plan.stamp), self._resting.mean()
-        return None if end == 0.0 or pose is None else LeadIn(pose, end, self.chassis)
+        return None if end == 0.0 or pose is None else LineKeeping(pose, end, self.chassis)
 
     def _fence_of(self, plan: _Plan) -> Fence | None:
-        """What keeps the vehicle on the area of a plan; None without one."""
+        """Return the fence of a plan's area; None without an area."""
         rows = plan.schedule.time.size
         return self.parts.fence(plan.stamp, rows, needed=self.ground_needed)
 
     def _led(self, now: float) -> float:
-        """What the steering motor angle changes by on the line of the lead-in [rad]."""
-        lead_in, here = self._lead_in, self.watch.observed
-        if lead_in is None or here is None or self.elapsed >= lead_in.end - 1e-6:
-            self._lead_in = None
+        """Return the correction of the steering motor angle on the lead-in's line [rad]."""
+        keeping, here = self._line_keeping, self.watch.observed
+        if keeping is None or here is None or self.elapsed >= keeping.end - 1e-6:
+            self._line_keeping = None
             return 0.0
         pose = here.after(now - self.watch.stamp)
-        return lead_in.steer(pose, here.speed, self.elapsed)
+        return keeping.steer(pose, here.speed, self.elapsed)
 
     @staticmethod
     def _row(schedule: Schedule, elapsed: float) -> int:
@@ -575,11 +575,11 @@ class Playback:
         return max(row, 0)  # a clock may step back a little
 
     def _fenced_out(self, schedule: Schedule, now: float, row: int) -> str:
-        """Where a stop would leave the area; empty while it does not."""
+        """Return where a stop would leave the area; empty if it would not."""
         if self._fence is None:
             return ""
         push = 0.0 if self.start_time is None else float(schedule.wheel_rate[row])
-        led = 0.0 if self._lead_in is None else self._lead_in.curvature
+        led = 0.0 if self._line_keeping is None else self._line_keeping.curvature
         return self._trespass(self._fence, now, float(self._fence.curvature[row]) + led, push)
 
     def _rolls_out(self, now: float) -> bool:
@@ -629,7 +629,7 @@ class Playback:
         return f"{reason}; the vehicle drives only where it can be watched" if reason else ""
 
     def _displaced(self) -> str:
-        """How far the vehicle is from where it stood at first; empty within the tolerances."""
+        """Return how far the vehicle was moved in the countdown; empty within the tolerances."""
         here = self._resting.mean()
         if here is None or self._stood is None:  # there was hardly a countdown
             return ""
@@ -644,7 +644,7 @@ class Playback:
         )
 
     def _off_start(self) -> str:
-        """How far the vehicle rests from the planned start; empty within the tolerances."""
+        """Return how far the vehicle rests from the planned start; empty within the tolerances."""
         observed, here = self.watch.observed, self._resting.mean()
         if self._fence is None or observed is None or here is None:
             return ""
@@ -652,7 +652,7 @@ class Playback:
         return self._fence.off_start(replace(observed, x=x, y=y, yaw=yaw))
 
     def _astray(self) -> str:
-        """How far the vehicle is off the path; empty within the limit."""
+        """Return how far the vehicle is off the path; empty within the limit."""
         if self.watch.observed is None or self._anchor is None:
             return "no pose on odom"
         observed, anchor = self.watch.observed, self._anchor

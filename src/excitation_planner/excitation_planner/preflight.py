@@ -18,11 +18,11 @@ class Check:
     Attributes
     ----------
     name : str
-        What is looked at.
+        What is checked.
     message : str
-        How it stands, in one line.
+        Result in one line.
     level : Level
-        ERROR refuses the start.
+        Severity; ERROR refuses the start.
     """
 
     name: str
@@ -31,16 +31,16 @@ class Check:
 
     @classmethod
     def of(cls, name: str, problem: str, well: str) -> Check:
-        """Return a check that fails where there is a problem.
+        """Return a check that fails if there is a problem.
 
         Parameters
         ----------
         name : str
-            What is looked at.
+            What is checked.
         problem : str
-            What is wrong; empty: nothing.
+            What is wrong; empty if nothing is.
         well : str
-            How it stands where nothing is.
+            Message if nothing is wrong.
         """
         return cls(name, problem or well, Level.ERROR if problem else Level.OK)
 
@@ -78,16 +78,16 @@ def clock(stood: float) -> Check:
 
 @dataclass(frozen=True)
 class Report:
-    """What another node said of itself.
+    """Diagnostic status that another node published.
 
     Attributes
     ----------
     level : Level
-        How it is.
+        Severity.
     message : str
         The same in words.
     heard : tuple of float
-        When it came, on each of some clocks [s].
+        Time of receipt on each of some clocks [s].
     values : mapping of str to str
         Details.
     """
@@ -98,12 +98,12 @@ class Report:
     values: Mapping[str, str] = field(default_factory=dict)
 
     def check(self, name: str, now: tuple[float, ...]) -> Check:
-        """Return the item of the pre-flight; a node that fell silent on all clocks fails.
+        """Return the item of the pre-flight; it fails if the node is silent by every clock.
 
         Parameters
         ----------
         name : str
-            Of the part.
+            Name of the part that is checked.
         now : tuple of float
             Present time on the clocks of `heard` [s].
         """
@@ -126,13 +126,13 @@ def recording(
     Parameters
     ----------
     report : Report, optional
-        Of the recorder.
+        Newest report of the recorder.
     duration : float
-        Of the drive [s].
+        Duration of the drive [s].
     now : tuple of float
         Present time on the clocks of the report [s].
     needed : bool
-        Whether a drive that is not recorded is refused.
+        Whether a drive is refused if it is not recorded.
     """
     missing = Level.ERROR if needed else Level.WARN
     if report is None:

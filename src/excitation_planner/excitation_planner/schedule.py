@@ -25,9 +25,9 @@ class Schedule:
     time : ndarray of float, shape (c,)
         Time from the start of the maneuver, starting at 0 [s].
     steering_motor_angle : ndarray of float, shape (c,)
-        Left positive [rad].
+        Steering motor angle, left positive [rad].
     wheel_rate : ndarray of float, shape (c,)
-        Of the rear wheel, forward positive [rad/s].
+        Rate of the rear wheel, forward positive [rad/s].
 
     Raises
     ------

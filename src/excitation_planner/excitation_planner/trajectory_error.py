@@ -29,9 +29,9 @@ def trajectory_error(x: FloatArray, y: FloatArray, x0: FloatArray, y0: FloatArra
     Parameters
     ----------
     x, y : ndarray of float, shape (j,)
-        Trajectory [m].
+        Positions of the trajectory [m].
     x0, y0 : ndarray of float, shape (j,)
-        Nominal trajectory at the same times and in the same frame [m].
+        Positions of the nominal trajectory at the same times and in the same frame [m].
 
     Returns
     -------
@@ -56,7 +56,7 @@ class NominalTrajectory:
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Strictly increasing [s].
+        Times, strictly increasing [s].
     x, y : ndarray of float, shape (t,)
         Position [m].
     vx, vy : ndarray of float, shape (t,)

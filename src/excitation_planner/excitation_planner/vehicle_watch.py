@@ -1,4 +1,4 @@
-"""What the driver hears of the vehicle: where it is, whether it obeys, whether it may run."""
+"""The newest messages of the vehicle: its pose, whether it obeys, whether it may run."""
 
 import math
 from dataclasses import dataclass
@@ -30,16 +30,17 @@ class VehicleWatch:
     state_timeout : float
         Age of the newest message of `vehicle/state` beyond which no maneuver runs [s].
     commander : str
-        Name of this driver, as the vehicle knows it; empty: whom the vehicle obeys is not watched.
+        Name of this driver as a commander of the vehicle; empty: it is not checked whom the vehicle
+        obeys.
     clock_tolerance : float
         Time by which a pose may be stamped ahead [s].
     hold_timeout : float
-        Age of the newest word of the hold-to-run button beyond which it is not pressed [s]; 0:
-        there is no button.
+        Age of the newest message of the hold-to-run button beyond which it counts as released [s];
+        0: there is no button.
     observed : PlanarState or None
         Newest pose and speed.
     stamp : float
-        Of that [s].
+        Time of that measurement [s].
     """
 
     odom_timeout: float
@@ -61,7 +62,7 @@ class VehicleWatch:
         Parameters
         ----------
         state : PlanarState
-            Of the vehicle.
+            Pose and speed of the vehicle.
         stamp : float
             Time of the measurement, by the clock of its sender [s].
         now : float
@@ -166,7 +167,7 @@ class VehicleWatch:
         if silence > self.odom_timeout:
             return f"no pose on odom for {silence:.2f} s"
         if not self.observed.finite:
-            return "the pose on odom is not finite, or its orientation is no unit quaternion"
+            return "the pose on odom is not finite, or its orientation is not a unit quaternion"
         if not of_frame(self.observed.body, BASE_LINK):
             return f"odom has the pose of {self.observed.body}: that of {BASE_LINK} is needed"
         if age < -self.clock_tolerance:

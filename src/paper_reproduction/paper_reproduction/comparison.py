@@ -30,11 +30,11 @@ class Comparison:
     Attributes
     ----------
     quantity : str
-        What is compared.
+        Quantity that is compared.
     published, ours : float or str
-        A string is a statement, not a number.
+        Published and reproduced value; a string is a statement.
     agreement : Agreement
-        How ours stands to the published one.
+        Agreement of both.
     """
 
     quantity: str
@@ -85,9 +85,9 @@ class ErrorStatistics:
     raae, rmae : float
         Mean and largest absolute error, divided by the output's standard deviation.
     mean, std : float
-        Of the error, predicted minus true.
+        Mean and standard deviation of the error, predicted minus true.
     output_mean, output_std : float
-        Of the true output.
+        Mean and standard deviation of the true output.
     """
 
     r2: float
@@ -105,7 +105,7 @@ def error_statistics(predicted: FloatArray, true: FloatArray) -> ErrorStatistics
     Parameters
     ----------
     predicted, true : ndarray of float, shape (n,)
-        Outputs.
+        Predicted and true outputs.
     """
     error, std = predicted - true, float(true.std())
     return ErrorStatistics(

@@ -27,7 +27,7 @@ _BLOCK = 2000  # points predicted at once
 
 @dataclass(frozen=True)
 class PaperBudget:
-    """What `--faithful` spends at each operating point of the tricycle.
+    """Simulations by `--faithful` at each operating point of the tricycle.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class PaperBudget:
     monte_carlo : int
         Base samples N of Eqs. 7-10 on the metamodel; the paper does not say how many.
     levels : int
-        Levels per axis of the second stage's full factorial; likewise.
+        Levels per axis of the second stage's full factorial; the paper does not give them.
     """
 
     initial: int = published.INITIAL_SAMPLES
@@ -49,7 +49,7 @@ class PaperBudget:
 
 @dataclass(frozen=True)
 class OurBudget:
-    """What our own way spends.
+    """Simulations by our own method.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class OurBudget:
     search_samples : mapping of int to int
         Simulations per maneuver of a search on the tricycle, by the number of unknown parameters.
     maneuvers : int
-        Evaluated per search on the tricycle.
+        Number of maneuvers evaluated per search on the tricycle.
     """
 
     samples: int = 200
@@ -80,7 +80,7 @@ class FirstStage:
     Attributes
     ----------
     indices : Indices
-        Of the metamodel.
+        Sobol' indices of the metamodel.
     validation : ndarray of float, shape (2, v)
         Predicted and true outputs at random points.
     simulations : int
@@ -98,12 +98,12 @@ Function = Callable[[FloatArray], FloatArray]  # P (n, k) -> (n,)
 def fast(
     f: Function, unknown: Box, *, samples: int, validation: int = 0, seed: int = 0
 ) -> FirstStage:
-    """Return the first stage our way: `sensitivity`.
+    """Return the first stage by our method: `sensitivity`.
 
     Parameters
     ----------
     f : callable
-        Simulator: P (n, k) to outputs (n,).
+        Simulator, from points P (n, k) to outputs (n,).
     unknown : Box
         Unknown parameters.
     samples : int
@@ -111,7 +111,7 @@ def fast(
     validation : int
         Random points at which it predicts as well.
     seed : int
-        Of the samples.
+        Seed of the samples.
     """
     with THREADPOOLS.limit(limits=1):
         result = sensitivity(f, unknown, samples=samples, seed=seed)
@@ -129,11 +129,11 @@ def faithful(f: Function, unknown: Box, *, budget: PaperBudget, validation: int 
     Parameters
     ----------
     f : callable
-        Simulator: P (n, k) to outputs (n,).
+        Simulator, from points P (n, k) to outputs (n,).
     unknown : Box
         Unknown parameters.
     budget : PaperBudget
-        What is spent.
+        Budget of the paper's method.
     validation : int
         Random points at which the metamodel predicts as well.
     """
@@ -164,11 +164,11 @@ class Predictions:
     Attributes
     ----------
     unit : str
-        Of the outputs.
+        Unit of the outputs.
     validation : dict of str to ndarray, shape (2, v)
-        By label: predicted and true outputs.
+        Predicted and true outputs, by label.
     statistics : dict of str to ErrorStatistics
-        By label.
+        Error statistics, by label.
     """
 
     unit: str
@@ -177,14 +177,14 @@ class Predictions:
 
 
 def predictions(stages: dict[str, FirstStage], unit: str) -> Predictions:
-    """Return the statistics of the validation of each stage.
+    """Return the error statistics of each first stage's validation.
 
     Parameters
     ----------
     stages : dict of str to FirstStage
-        By label.
+        First stages, by label.
     unit : str
-        Of the outputs.
+        Unit of the outputs.
     """
     return Predictions(
         unit,
@@ -213,7 +213,7 @@ def in_blocks(predict: Function, U: FloatArray) -> FloatArray:
     Parameters
     ----------
     predict : callable
-        Points (n, k) to outputs (n,).
+        Function from points (n, k) to outputs (n,).
     U : ndarray of float, shape (n, k)
         Points.
     """

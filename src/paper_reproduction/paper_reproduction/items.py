@@ -21,9 +21,9 @@ class Reproduction:
     executor : Executor
         Where the long computations run.
     ours : OurBudget, optional
-        What our own way spends.
+        Budget of our own method.
     budget : PaperBudget, optional
-        To do everything the paper's way as well, or None to leave that out.
+        Budget of the paper's method, which is then followed as well; None: it is left out.
     """
 
     def __init__(
@@ -56,8 +56,8 @@ class Reproduction:
         Parameters
         ----------
         name : str
-            Of the table or figure.
+            Name of the table or figure.
         progress : callable
-            Called with (work done, work in all).
+            Called with the amount of work done and of all.
         """
         return self._items[name](progress)

@@ -55,7 +55,7 @@ def exact_indices(x: FloatArray, *, nodes: int = 20) -> Indices:
     x : ndarray of float, shape (4,)
         Operation parameters.
     nodes : int
-        Of the quadrature, per axis.
+        Number of quadrature nodes per axis.
     """
     return quadrature_indices(partial(math_model, x), MATH_MODEL_UNKNOWN, nodes=nodes)
 
@@ -66,7 +66,7 @@ def largest_error(indices: Indices, exact: Indices) -> float:
     Parameters
     ----------
     indices, exact : Indices
-        What is compared.
+        Indices, and the exact ones.
     """
     return float(
         max(np.abs(indices.main - exact.main).max(), np.abs(indices.total - exact.total).max())
@@ -86,15 +86,15 @@ class Table1:
     Attributes
     ----------
     exact, ours : Indices
-        By quadrature, and by Kriging and projection.
+        Indices by quadrature, and by Kriging and projection.
     samples : ndarray of float, shape (q,)
-        N, base samples.
+        Numbers N of base samples.
     published, sobol : ndarray of float, shape (q,)
         S of p1, as printed, and with one Sobol' sequence.
     random_std : ndarray of float, shape (q,)
-        Its standard deviation with random numbers.
+        Standard deviation of S of p1 with random numbers.
     ours_samples : int
-        Runs of f that ours took.
+        Number of runs of f for `ours`.
     """
 
     exact: Indices
@@ -184,9 +184,9 @@ def figure_5(ours: OurBudget, budget: PaperBudget | None) -> Item[Predictions]:
     Parameters
     ----------
     ours : OurBudget
-        What our way spends.
+        Budget of our method.
     budget : PaperBudget or None
-        To do it the paper's way as well.
+        Budget of the paper's method; None: without it.
     """
     f, validation = partial(math_model, np.array(published.FIG_5_X)), ours.validation
     stages = {
@@ -234,11 +234,11 @@ class Convergence:
     Attributes
     ----------
     curves : dict of str to (ndarray, ndarray)
-        By method: runs (q,) and errors (q,).
+        Runs (q,) and errors (q,), by method.
     published_error : (float, float)
         Range that the paper shows.
     published_runs : float
-        From where on.
+        Number of runs from which the paper shows them.
     """
 
     curves: dict[str, tuple[FloatArray, FloatArray]]
@@ -247,12 +247,12 @@ class Convergence:
 
 
 def figure_6(budget: PaperBudget | None) -> Item[Convergence]:
-    """Convergence of the Monte-Carlo estimator, beside ours.
+    """Convergence of the Monte-Carlo estimator, and of our method.
 
     Parameters
     ----------
     budget : PaperBudget or None
-        To do it the paper's way as well.
+        Budget of the paper's method; None: without it.
     """
     x = np.array(published.TABLE_1_X)
     f, exact = partial(math_model, x), exact_indices(x)
@@ -321,9 +321,9 @@ class Verification:
     target : str
         Parameter to excite.
     histories : dict of str to ndarray
-        By search: the cost (q,) of each evaluation, in order.
+        Cost (q,) of each evaluation of each search, in order.
     optima : dict of str to (ndarray, Indices, float)
-        By search: x (4,), exact indices and exact H there, without noise.
+        Best maneuver of each search: x (4,), exact indices and exact H there, without noise.
     """
 
     target: str
@@ -345,13 +345,13 @@ def figure_8_or_9(
     target : str
         Parameter to excite: p1 (Fig. 8) or p3 (Fig. 9).
     ours : OurBudget
-        What our way spends.
+        Budget of our method.
     budget : PaperBudget or None
-        To do it the paper's way as well.
+        Budget of the paper's method; None: without it.
     executor : Executor
-        Where designs run.
+        Executor that runs the designs.
     progress : callable
-        Called with (searches done, searches in all).
+        Called with the number of searches done and of all.
     """
     axis = MATH_MODEL_UNKNOWN.index(target)
     valley = Box.of(dict.fromkeys(MATH_MODEL_OPERATION.names, _VALLEY))

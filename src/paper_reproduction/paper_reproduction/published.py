@@ -1,4 +1,4 @@
-"""What the paper prints (ASME IDETC2020-22257), number by number."""
+"""Numbers printed in the paper (ASME IDETC2020-22257)."""
 
 ITEMS = (
     "table1",

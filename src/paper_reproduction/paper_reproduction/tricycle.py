@@ -58,13 +58,13 @@ class Bars:
     names : tuple of str
         The unknown parameters.
     x : dict of str to ndarray
-        By maneuver ("random", "designed"): operation parameters (l,).
+        Operation parameters (l,) of each maneuver ("random", "designed").
     indices : dict of str to Sensitivity
-        By maneuver: ours, with intervals.
+        Indices of each maneuver by our method, with intervals.
     faithful : dict of str to Indices
-        By maneuver: the paper's way, where asked for.
+        Indices of each maneuver by the paper's method, where asked for.
     costs : dict of str to float
-        By maneuver: H.
+        Cost H of each maneuver.
     """
 
     names: tuple[str, ...]
@@ -81,9 +81,9 @@ class Screening:
     Attributes
     ----------
     names : tuple of str
-        Of the six parameters.
+        Names of the six parameters.
     rows : dict of str to Sensitivity
-        By maneuver.
+        Indices of each maneuver.
     """
 
     names: tuple[str, ...]
@@ -101,7 +101,7 @@ class Trajectories:
     soft, stiff : ndarray of float, shape (t, 2)
         Positions with the lowest and the highest cornering stiffness [m].
     distance : ndarray of float, shape (t,)
-        Between them at equal times [m].
+        Distance between them at equal times [m].
     """
 
     time: FloatArray
@@ -119,10 +119,10 @@ class Costs:
     operation : Box
         Ranges of x.
     designs : dict
-        By (target, k, search).
+        Designs by (target, k, search).
     faithful : dict
-        By (target, k): the points (n, l) at which DIRECT evaluates the paper's Kriging models, with
-        their costs (n,).
+        Points (n, l) at which DIRECT evaluates the paper's Kriging models, with their costs (n,),
+        by (target, k).
     """
 
     operation: Box
@@ -152,15 +152,15 @@ class Tricycle:
     Parameters
     ----------
     executor : Executor
-        Where simulations run.
+        Executor that runs the simulations.
     ours : OurBudget
-        What our own way spends.
+        Budget of our own method.
     budget : PaperBudget, optional
-        The paper's; None leaves its way out.
+        Budget of the paper's method; None: without it.
     vehicle : Vehicle, optional
-        The paper's by default.
+        Vehicle; by default the paper's.
     seed : int
-        Of the random maneuvers and of the searches.
+        Seed of the random maneuvers and of the searches.
     """
 
     def __init__(

@@ -11,13 +11,13 @@ class KeptMessage(NamedTuple):
     Attributes
     ----------
     topic : str
-        Its name.
+        Name of the topic.
     stamp : int
         Time of receipt [ns].
     data : bytes
-        Serialised.
+        Serialised message (CDR).
     latched : int
-        How many of its topic late subscribers are given.
+        Number of messages of its topic that late subscribers receive.
     """
 
     topic: str
@@ -27,12 +27,12 @@ class KeptMessage(NamedTuple):
 
 
 class Backlog:
-    """Keeps the newest messages, and the latched ones of before.
+    """Keeps the newest messages, and older ones of latched topics.
 
     Parameters
     ----------
     size : int
-        Of the data kept [bytes]; 0: none.
+        Largest size of the messages kept [bytes]; 0: none.
     """
 
     def __init__(self, size: int) -> None:
@@ -79,7 +79,7 @@ class Backlog:
         Parameters
         ----------
         topic : str
-            Its name.
+            Name of the topic.
         """
         self._kept = deque(message for message in self._kept if message.topic != topic)
         self._bytes = sum(len(message.data) for message in self._kept)

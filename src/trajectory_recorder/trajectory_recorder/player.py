@@ -16,9 +16,9 @@ class Player:
     Parameters
     ----------
     bag : BagReader
-        Open bag.
+        Bag to play, open.
     topics : collection of str
-        Names to play.
+        Names of the topics to play.
     rate : float
         Recorded seconds per second; 0 plays as fast as ``publish`` returns.
     start : float

@@ -6,7 +6,7 @@ KEPT = 20_000  # ticks
 
 
 class ReceiptClock:
-    """What /clock said when a message arrived, however late the message is looked at.
+    """Time on /clock at which a message arrived, however late the message is processed.
 
     A recorder that reads its own clock when it gets to a message gives all that waited the same
     stamp.
@@ -14,7 +14,7 @@ class ReceiptClock:
     Parameters
     ----------
     kept : int
-        Number of ticks that are remembered at least.
+        Smallest number of ticks that are remembered.
     """
 
     def __init__(self, kept: int = KEPT) -> None:
@@ -29,7 +29,7 @@ class ReceiptClock:
 
     @property
     def newest(self) -> int:
-        """When the last tick was received [ns]; -1 before the first."""
+        """Time of receipt of the last tick [ns]; -1 before the first."""
         return self._received[-1] if self._received else -1
 
     def tick(self, received: int, time: int) -> None:

@@ -1,4 +1,4 @@
-"""What the recorder does with the messages of its topics, without ROS.
+"""Recording of messages to bags, without ROS.
 
 `Recording` keeps the latched messages of all topics also while nothing is recorded, so that a bag
 begins with them; it opens and closes bags, watches the disk, and reports its state.
@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic, deserialize
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import BagError
+from tricycle_core.errors import BagError, hint
 
 METADATA = ("plan_id", "vehicle*", "firmware*")
 """Values of diagnostics that are copied to the bag's metadata record."""
@@ -33,20 +32,20 @@ _DIAGNOSTICS: dict[str, Callable[[Any], Any]] = {  # to a list of DiagnosticStat
 
 @dataclass(frozen=True)
 class BagSettings:
-    """How bags are written.
+    """Settings of the bags to be written.
 
     Attributes
     ----------
     compression : Compression
-        Of the chunks.
+        Compression of the chunks.
     split_size : int
-        Size of a file [bytes]; 0: no limit.
+        Size after which the next file is begun [bytes]; 0: no limit.
     split_duration : float
-        Duration of a file [s]; 0: no limit.
+        Duration after which the next file is begun [s]; 0: no limit.
     disk_reserve : float
-        Left free on the disk [bytes].
+        Space left free on the disk [bytes].
     metadata : mapping of str to str
-        For the metadata record of every bag.
+        Entries for the metadata record of every bag.
     backlog : int
         Newest messages kept for `Recording.snapshot` while nothing is recorded [bytes].
     """
@@ -60,7 +59,7 @@ class BagSettings:
 
 
 LACKS = " lacks messages that the recorder lost: "
-"""Between a bag and what it lacks, in the answer of `~/stop`."""
+"""Text between the path of a bag and what it lacks, in the answer of `~/stop`."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class Status:
     level : Level
         ERROR where a recording ended by itself, WARN where messages or topics are missing.
     message : str
-        In one line.
+        State in one line.
     values : mapping of str to object
         Details by name.
     """
@@ -88,7 +87,7 @@ class TopicSource:
     Parameters
     ----------
     topic : Topic
-        As its publishers offer it now.
+        Topic as its publishers offer it now.
     """
 
     def __init__(self, topic: Topic) -> None:
@@ -109,12 +108,12 @@ class TopicSource:
         self.latched = deque(self.latched, maxlen=len(topic.qos) if topic.latched else 0)
 
     def left(self, publishers: int) -> None:
-        """Take note of how many publishers are left: the numbers of one alone tell losses.
+        """Note the remaining publishers: losses show only in the numbers of a single one.
 
         Parameters
         ----------
         publishers : int
-            Number of them.
+            Number of publishers that remain.
         """
         self._publishers = publishers
         self._sequence = 0
@@ -128,9 +127,9 @@ class TopicSource:
         Parameters
         ----------
         data : bytes
-            Serialised.
+            Serialised message (CDR).
         sequence : int
-            Number by its publisher.
+            Sequence number given by its publisher.
         """
         self.latched.append(data)
         if self._publishers == 1 and not self.topic.latched and 0 < self._sequence < sequence:
@@ -144,14 +143,14 @@ class Recording:
     Parameters
     ----------
     settings : BagSettings
-        Of all bags.
+        Settings of all bags.
     failed : callable
         Called with the reason when the disk ends a recording; the bag holds what it took.
 
     Attributes
     ----------
     topics : dict of str to TopicSource
-        By name.
+        Topics that are received, by name.
     refused : dict of str to str
         Topics that are not recorded, and why.
     """
@@ -170,7 +169,7 @@ class Recording:
 
     @property
     def lost(self) -> str:
-        """How many messages of which topics were lost since a bag began or ended; may be empty."""
+        """Return the numbers of lost messages by topic since a bag began or ended; may be empty."""
         return ", ".join(f"{s.lost} of {name}" for name, s in self.topics.items() if s.lost)
 
     def check_room(self, output: str) -> None:
@@ -184,7 +183,7 @@ class Recording:
         Raises
         ------
         BagError
-            Says how much is free.
+            If it would; the message says how much is free.
         """
         path = Path(output).absolute()
         there = next(folder for folder in path.parents if folder.exists())
@@ -342,7 +341,7 @@ class Recording:
         Parameters
         ----------
         topic : Topic
-            As it is offered now.
+            Topic as it is offered now.
 
         Raises
         ------
@@ -410,12 +409,12 @@ class Recording:
                     self._bag.metadata |= {k: v for k, v in pairs if matches(k, METADATA)}
 
     def write_latched(self, stamp: int) -> None:
-        """Write the latched messages that have come while there was no time yet.
+        """Write the latched messages that came before there was a time.
 
         Parameters
         ----------
         stamp : int
-            Of the first tick of the clock [ns].
+            Time of the first tick of the clock [ns].
         """
         for source in self.topics.values():
             for data in source.latched:
@@ -437,7 +436,7 @@ class Recording:
         self._fail(reason)
 
     def _scarce(self, free: int) -> str:
-        """How much less is free than has to be left; empty where there is enough."""
+        """Return by how much the free space is below the reserve; empty if there is enough."""
         reserve = self._settings.disk_reserve
         if free >= reserve:
             return ""
@@ -449,7 +448,7 @@ class Recording:
         Parameters
         ----------
         patterns : sequence of str
-            Of the topics that are wanted; those without a topic are named.
+            Patterns of the topics to record; those without a topic are named.
         """
         values: dict[str, object] = {}
         if self._bag is not None:
@@ -491,14 +490,14 @@ class Recording:
 
 
 def matches(name: str, patterns: Sequence[str]) -> bool:
-    """Whether a name fits one of the patterns.
+    """Return whether a name fits one of the patterns.
 
     Parameters
     ----------
     name : str
-        Of a topic, or of a value.
+        Name of a topic, or of a value.
     patterns : sequence of str
-        ``*`` and ``?`` match anything.
+        Patterns in which ``*`` and ``?`` match anything.
 
     Examples
     --------
@@ -509,14 +508,14 @@ def matches(name: str, patterns: Sequence[str]) -> bool:
 
 
 def chosen(names: Collection[str], patterns: Sequence[str], without: Sequence[str]) -> list[str]:
-    """Return the topics of a bag that are wanted.
+    """Return the topics of a bag that patterns select.
 
     Parameters
     ----------
     names : collection of str
-        Of its topics.
+        Names of the bag's topics.
     patterns, without : sequence of str
-        Names or patterns of those wanted, and of those not wanted of them; ``odom`` is ``/odom``.
+        Names or patterns to include, and to exclude from those; ``odom`` is ``/odom``.
 
     Raises
     ------
@@ -533,7 +532,5 @@ def chosen(names: Collection[str], patterns: Sequence[str], without: Sequence[st
     )
     for pattern in wanted + unwanted:
         if not any(matches(name, [pattern]) for name in names):
-            close = get_close_matches(pattern, names, 1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise BagError(f"no topic of the bag is {pattern}{hint}")
+            raise BagError(f"no topic of the bag is {pattern}; {hint(pattern, names)}")
     return [name for name in names if matches(name, wanted) and not matches(name, unwanted)]

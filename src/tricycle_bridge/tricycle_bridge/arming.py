@@ -34,7 +34,7 @@ Links = Mapping[Board, PlcLink]
 
 
 class ArmingOutcome(NamedTuple):
-    """How the operator's request to arm ended.
+    """Outcome of the operator's request to arm.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ def arming_refusal(
     Parameters
     ----------
     links : mapping of Board to PlcLink
-        Both links.
+        Link to each board.
     command : VehicleCommand or None
         Newest command of the commander; None without a fresh one.
     now : float
@@ -218,9 +218,9 @@ class ArmingSequence:
         Parameters
         ----------
         board : Board
-            Board that was to answer.
+            Board that the operation was sent to.
         outcome : OperationOutcome
-            Its answer, or that there was none.
+            Result in its answer, or that there was no answer.
         """
         if outcome.result is None:
             self.failure = f"{board.plc_name} did not answer {outcome.op.name}"

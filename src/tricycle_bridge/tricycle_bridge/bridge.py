@@ -79,7 +79,7 @@ class LogEntry(NamedTuple):
     level : Level
         WARN, or OK for information.
     text : str
-        The line.
+        Text of the line.
     """
 
     level: Level
@@ -151,7 +151,7 @@ class Bridge:
 
     @property
     def wheel_problem(self) -> str | None:
-        """How the wheel disagrees with odometry or the IMU; None if it does not."""
+        """Contradiction between the wheel's speed and odometry or the IMU; None without one."""
         return self.odometry.problem or self.start.problem
 
     @property
@@ -243,8 +243,8 @@ class Bridge:
         Parameters
         ----------
         command : VehicleCommand or None
-            What is wanted; beyond the vehicle's limits it counts as standstill. None: the boards
-            are to stop the vehicle, until the operator's next ARM.
+            Command; beyond the vehicle's limits it counts as standstill. None: the boards are to
+            stop the vehicle, until the operator's next ARM.
         stamp : float
             Time at which it was wanted [s].
         now : float
@@ -278,7 +278,7 @@ class Bridge:
         Parameters
         ----------
         reason : str
-            What is wrong with it.
+            Why the command is refused.
         stamp, now : float
             Time at which it was sent, time of arrival [s].
         source : Source
@@ -312,12 +312,12 @@ class Bridge:
         self.odometry.add_odometry(speed, now)
 
     def set_force(self, force: float, now: float) -> None:
-        """Take a specific force of an IMU, to compare the wheel's first pulses with it.
+        """Take a specific force of an IMU, which the wheel's first pulses are compared with.
 
         Parameters
         ----------
         force : float
-            Forward [m/s^2].
+            Specific force, forward positive [m/s^2].
         now : float
             Time of arrival [s].
         """
@@ -331,7 +331,7 @@ class Bridge:
         board : Board
             Board expected behind the port.
         data : bytes
-            What arrived, cut anywhere.
+            Received bytes; they may begin and end anywhere in a frame.
         now : float
             Time of arrival [s].
         """
@@ -495,7 +495,7 @@ class Bridge:
             self._arming.count_command()
 
     def _standstill(self) -> VehicleCommand | None:
-        """What is sent while no commander's command is fresh.
+        """Return the command that is sent while no commander's command is fresh; None for none.
 
         Nothing where somebody has commanded the armed vehicle, so that the boards stop it; unless
         it has come to rest by the commander's last command already.
@@ -524,7 +524,7 @@ class Bridge:
         return _STANDSTILL if since is not None and now - since >= LET_GO_AFTER else 0
 
     def _send_stop(self, now: float) -> None:
-        """While commands are not forwarded, tell boards that are not at rest yet to stop."""
+        """While commands are not forwarded, command boards that are not at rest to stop."""
         if self.active or self._enabled:
             return
         if now - self._stop_sent_at < 1.0 / self.settings.command_rate - JITTER:

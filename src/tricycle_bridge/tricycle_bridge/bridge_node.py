@@ -229,7 +229,7 @@ class BridgeNode(LifecycleNode):
             self._bridge.settings = self._settings({})
 
     def _settings(self, asked: Mapping[str, Any]) -> BridgeSettings:
-        """Settings of the parameters, with other values for those that are asked for."""
+        """Return the settings by the node's parameters, some of them replaced by new values."""
         names = (field.name for field in dataclasses.fields(BridgeSettings))
         return BridgeSettings(
             **{name: asked.get(name, self.get_parameter(name).value) for name in names}
@@ -495,7 +495,7 @@ class BridgeNode(LifecycleNode):
         source: Source,
         name: str = "",
     ) -> None:
-        """Hand a message to the bridge, None as a stop; without a stamp it is of now."""
+        """Give a command to the bridge, None as a stop; without a stamp it counts as sent now."""
         with self._lock:
             bridge, ports = self._bridge, self._ports
             if bridge is None or ports is None or not bridge.active:

@@ -43,7 +43,7 @@ class Diagnosis:
     name : str
         Name of the part.
     level : Level
-        How it is.
+        Severity.
     message : str
         Summary in a line.
     values : dict of str to str
@@ -64,7 +64,7 @@ def diagnose(
     Parameters
     ----------
     bridge : Bridge
-        The bridge.
+        Bridge with both links.
     now : float
         Present time on the bridge's clock [s].
     publishers : mapping of Source to int, optional
@@ -104,12 +104,12 @@ def _indistinguishable(bridge: Bridge, publishers: Mapping[Source, int]) -> str 
 
 
 def vehicle_problem(bridge: Bridge, now: float) -> str | None:
-    """Return what is wrong with the vehicle beyond its links: commanders or speeds that disagree.
+    """Return a problem of the vehicle beyond its links: commanders or speeds that disagree.
 
     Parameters
     ----------
     bridge : Bridge
-        The bridge.
+        Bridge with both links.
     now : float
         Present time on the bridge's clock [s].
     """

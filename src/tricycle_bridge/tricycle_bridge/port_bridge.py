@@ -7,14 +7,14 @@ from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 
 
 def receive_all(bridge: Bridge, ports: SerialPorts, now: float) -> None:
-    """Hand the bridge what happened on the ports, and let it act.
+    """Give the bridge the events of the ports, and let it act.
 
     Parameters
     ----------
     bridge : Bridge
-        The bridge.
+        Bridge with both links.
     ports : SerialPorts
-        Its ports.
+        Serial ports of the boards.
     now : float
         Present time on the bridge's clock [s].
     """
@@ -37,9 +37,9 @@ def send_all(bridge: Bridge, ports: SerialPorts) -> None:
     Parameters
     ----------
     bridge : Bridge
-        The bridge.
+        Bridge with both links.
     ports : SerialPorts
-        Its ports.
+        Serial ports of the boards.
     """
     for board, link in bridge.links.items():
         if frames := link.take_frames():

@@ -50,7 +50,7 @@ class Received(NamedTuple):
     board : Board
         Board of the port.
     data : bytes
-        What arrived.
+        Received bytes.
     """
 
     board: Board
@@ -242,7 +242,7 @@ class SerialPorts(Closing):
                 self._close(board, reason)
 
     def _patience(self) -> float:
-        """How long nothing may happen [s]."""
+        """Longest time to wait for an event [s]."""
         closed = [self._retry_at[board] for board in self._paths if board not in self._ports]
         if not closed:
             return IDLE_PERIOD

@@ -66,7 +66,7 @@ class BridgeSettings:
     max_acceleration : float
         Largest acceleration of the commanded speed [m/s^2].
     stopping_deceleration : float
-        With which the drive PLC stops the vehicle by itself [m/s^2].
+        Deceleration with which the drive PLC stops the vehicle by itself [m/s^2].
     tyre_radius : float
         Radius of the rear wheel [m].
     hall_pulse : float
@@ -80,7 +80,7 @@ class BridgeSettings:
     payload : float
         Largest load besides [kg].
     mass_tolerance : float
-        By which share the mass may be wrong.
+        Largest error of the mass, as a share of it.
     drive_supply_low, drive_supply_high, steer_supply_low, steer_supply_high : float
         Thresholds of the supplies [V]; 0: not checked.
     throttle_low, throttle_high : float
@@ -89,7 +89,7 @@ class BridgeSettings:
     Raises
     ------
     LinkError
-        A value is outside its range, a lower threshold is above the upper one, the acceleration
+        If a value is outside its range, a lower threshold above the upper one, the acceleration
         above the deceleration, or the mass too small for the board.
     """
 

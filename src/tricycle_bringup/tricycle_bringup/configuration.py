@@ -1,4 +1,4 @@
-"""Where the nodes' parameters come from: the packaged YAML files and the vehicle file."""
+"""Parameters of the nodes, from the packaged YAML files and the vehicle file."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -98,14 +98,14 @@ def check_bridge(vehicle: Vehicle, parameters: Mapping[str, Any]) -> None:
     Parameters
     ----------
     vehicle : Vehicle
-        That is to be driven.
+        Vehicle that is to be driven.
     parameters : mapping
-        Of the running bridge, those in `IDENTIFYING` among them.
+        Parameters of the running bridge, with those in `IDENTIFYING`.
 
     Raises
     ------
     VehicleError
-        Names the parameters with both values.
+        If they differ; the message names the parameters, with both values.
     """
     expected = _identifying(vehicle)
     ends = (
@@ -141,7 +141,7 @@ def _short(value: Any) -> str:
 
 
 def _geometry(vehicle: Vehicle) -> dict[str, Any]:
-    """Those of `TurningGeometry` as ROS parameters have them."""
+    """Return the fields of `TurningGeometry` as ROS parameters."""
     return {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in dataclasses.asdict(turning_geometry(vehicle)).items()
@@ -154,12 +154,12 @@ def bridge_settings(vehicle: Vehicle) -> BridgeSettings:
     Parameters
     ----------
     vehicle : Vehicle
-        That it drives.
+        Vehicle that the bridge drives.
 
     Raises
     ------
     VehicleError
-        If a constant is beyond what the boards can be set up for, or the motor holds no speed.
+        If the boards cannot be set up for a constant, or the motor holds no speed.
     """
     if not vehicle.has_speed_loop:
         raise VehicleError(
@@ -173,12 +173,12 @@ def bridge_settings(vehicle: Vehicle) -> BridgeSettings:
 
 
 def turning_geometry(vehicle: Vehicle) -> TurningGeometry:
-    """Return how the bridge turns a vehicle.
+    """Return the relation of steering angle and curvature that the bridge uses for a vehicle.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With its steering.
+        Vehicle with its steering linkage.
     """
     reach = _steering_reach(vehicle)
     motor_angles = np.linspace(-reach, reach, TURNING_POINTS)
@@ -190,12 +190,12 @@ def turning_geometry(vehicle: Vehicle) -> TurningGeometry:
 
 
 def beyond_the_boards(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return what of a vehicle the boards' firmware does not use, a line each.
+    """Return what the boards' firmware does not use of a vehicle, one line each.
 
     Parameters
     ----------
     vehicle : Vehicle
-        That they drive.
+        Vehicle that the boards drive.
     """
     beyond = [
         f"{name}: {vehicle.values[name]:g} {vehicle.unit(name)}, of which the boards use {most:g}"
@@ -211,7 +211,7 @@ def beyond_the_boards(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def _settings(vehicle: Vehicle) -> dict[str, float]:
-    """Those of `BridgeSettings` that follow from the vehicle."""
+    """Return the fields of `BridgeSettings` that follow from the vehicle."""
     return {
         "tyre_radius": vehicle.driven_radius,
         "hall_pulse": hall_pulse(vehicle.driven_radius),

@@ -1,8 +1,7 @@
-"""What the launch files share. The only module that imports `launch`; only they import it."""
+"""Common part of the launch files. The only module that imports `launch`; only they import it."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from lifecycle_msgs.msg import Transition
 from tricycle_bringup.configuration import bridge_parameters, driver_parameters
 from tricycle_bringup.urdf import tricycle_urdf
 from tricycle_core.documents import parse_yaml
-from tricycle_core.errors import NodeError
+from tricycle_core.errors import NodeError, did_you_mean
 from tricycle_core.start import ending_with_parent
 from tricycle_sim.vehicle import load_vehicle
 
@@ -95,23 +94,23 @@ def _value(name: str, text: str, default: object) -> Any:
     try:
         return convert(text)
     except (KeyError, ValueError):
-        raise ValueError(f"{name}:={text}: want {wanted}") from None
+        raise ValueError(f"{name}:={text}: needs {wanted}") from None
 
 
 def _warn_of_misspelt(given: Iterable[str], known: Iterable[str]) -> None:
     """Say which arguments that were given are nearly ours; launch passes over them in silence."""
     for name in {argument.partition(":=")[0] for argument in given}.difference(known):
-        if close := get_close_matches(name, known, 1):  # others may be an including file's
-            get_logger("launch").warning(f"{name} is no launch argument: did you mean {close[0]}?")
+        if question := did_you_mean(name, known):  # others may be an including file's
+            get_logger("launch").warning(f"{name} is not a launch argument: {question}")
 
 
 def process(package: str, executable: str) -> dict[str, object]:
-    """Return the arguments of `Node` for a process that ends with the launch, also a killed one.
+    """Return arguments of `Node` for a process that ends with the launch, even a killed one.
 
     Parameters
     ----------
     package, executable : str
-        What to start.
+        Names of the package and its executable.
     """
     guard = LaunchConfiguration("launch-prefix", default=" ".join(ending_with_parent()))
     return {
@@ -133,7 +132,7 @@ class VehicleNodes:
     value : mapping
         Values of the launch arguments, those of `VEHICLE_ARGUMENTS` among them.
     remappings : tuple of (str, str)
-        Of the names of all nodes, besides those that its namespace needs.
+        Remappings of names in all nodes, besides those that the namespace needs.
     """
 
     config: str
@@ -146,14 +145,14 @@ class VehicleNodes:
         return str(self.value["namespace"]).strip("/")
 
     def node(self, package: str, executable: str, *parameters: Parameters, **more: object) -> Node:
-        """Return a node.
+        """Return the launch action of a node.
 
         Parameters
         ----------
         package, executable : str
-            What to start.
+            Names of the package and its executable.
         *parameters : dict
-            Besides those of the parameter file.
+            Parameters in addition to those of the parameter file.
         **more : object
             Further arguments of `Node`.
         """
@@ -169,13 +168,13 @@ class VehicleNodes:
         Parameters
         ----------
         *parameters : dict
-            Besides those of the parameter file.
+            Parameters in addition to those of the parameter file.
         """
         name = "tricycle_sim"
         return self.node(name, name, *parameters, on_exit=_shut_down_after(name))
 
     def actions(self, ports: Parameters) -> list[Action]:
-        """Return all nodes; the monitor where asked for, the model where it can be published.
+        """Return all nodes; the monitor if asked for, the model if it can be published.
 
         Parameters
         ----------

@@ -14,8 +14,8 @@ def foxglove_layout(vehicle: Vehicle) -> str:
     Parameters
     ----------
     vehicle : Vehicle
-        With the geometry, and the unknown parameter whose standard deviation is shown: its first
-        cornering stiffness, or else its first one.
+        Vehicle with the geometry, and the unknown parameter whose standard deviation is shown: its
+        first cornering stiffness, or else its first one.
     """
     packaged = files("tricycle_bringup") / "foxglove" / "tricycle.json"
     layout = json.loads(packaged.read_text(encoding="utf-8"))

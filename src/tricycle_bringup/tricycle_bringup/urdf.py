@@ -30,7 +30,7 @@ def tricycle_urdf(vehicle: Vehicle) -> str:
     Parameters
     ----------
     vehicle : Vehicle
-        With the geometry.
+        Vehicle with the geometry.
     """
     robot = Element("robot", name=vehicle.name)
     places = {

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tricycle_sim.vehicle import Vehicle
 
 BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, sftp://, ...)"
-"""What an argument that names a bag may be."""
+"""Help text of an argument that names a bag."""
 
 
 def bag_argument(text: str) -> Path:
@@ -71,9 +71,9 @@ def refuse_given(args: Namespace, names: Iterable[str], why: str) -> None:
     args : Namespace
         Parsed arguments; an option that is left out is None, or an empty list.
     names : iterable of str
-        Of the options, as in `args`.
+        Names of the options, as in `args`.
     why : str
-        Why they have none, and what would be right.
+        Why they have no effect, and what would be right.
 
     Raises
     ------
@@ -92,23 +92,23 @@ OF_SIMULATION = "of a simulation, which --vehicle-nodes does not start: leave ou
 
 
 def add_overwrite_option(parser: ArgumentParser | _ArgumentGroup) -> None:
-    """Declare the option without which no file is replaced.
+    """Declare `--overwrite`, without which no file is replaced.
 
     Parameters
     ----------
     parser : ArgumentParser or one of its groups
-        Of a subcommand that writes files.
+        Parser of a subcommand that writes files.
     """
     parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
 
 
 def check_output_files(files: Iterable[Path], args: Namespace) -> None:
-    """Refuse files that cannot be written or may not be replaced; called before the work for them.
+    """Refuse files that cannot be written or may not be replaced; called before the work.
 
     Parameters
     ----------
     files : iterable of Path
-        To be written.
+        Files that will be written.
     args : Namespace
         Parsed arguments, among them that of `add_overwrite_option`.
 
@@ -132,7 +132,7 @@ def add_range_options(parser: ArgumentParser) -> None:
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand that searches maneuver families.
+        Parser of a subcommand that searches maneuver families.
     """
     parser.add_argument(
         "--range",
@@ -167,12 +167,12 @@ def ranges_of(args: Namespace) -> dict[str, tuple[float, float]]:
 
 
 def add_area_option(parser: ArgumentParser) -> None:
-    """Declare the option of the ground that plans stay on.
+    """Declare the option that names the area that plans stay on.
 
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand that plans.
+        Parser of a subcommand that plans.
     """
     parser.add_argument(
         "--area",
@@ -188,7 +188,7 @@ def add_lead_in_option(parser: ArgumentParser) -> None:
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand that plans.
+        Parser of a subcommand that plans.
     """
     parser.add_argument(
         "--lead-in",
@@ -205,7 +205,7 @@ def add_vehicle_option(parser: ArgumentParser, what: str = "vehicle YAML") -> No
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand.
+        Parser of the subcommand.
     what : str
         The file's meaning, for the help.
     """
@@ -220,7 +220,7 @@ def add_workers_option(parser: ArgumentParser) -> None:
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand that reads many bags.
+        Parser of a subcommand that reads many bags.
     """
     parser.add_argument(
         "--workers",
@@ -231,31 +231,31 @@ def add_workers_option(parser: ArgumentParser) -> None:
 
 
 def at_least(least: int) -> Callable[[str], int]:
-    """Return what reads a whole number.
+    """Return an argument type for whole numbers.
 
     Parameters
     ----------
     least : int
-        Smallest one.
+        Smallest number that it accepts.
     """
 
     def parse(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise ArgumentTypeError(f"'{text}': needs a whole number, {least} or more")
+        if not (text.isascii() and text.isdigit()) or int(text) < least:
+            raise ArgumentTypeError(f"{text!r}: needs a whole number, {least} or more")
         return int(text)
 
     return parse
 
 
 def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, MeasurementNoise]) -> None:
-    """Declare the options that say how a drive is measured.
+    """Declare the options of the measurement noise of a drive.
 
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand that plans.
+        Parser of a subcommand that plans.
     defaults : mapping of str to MeasurementNoise
-        What holds where an option is left out, by the condition, for the help.
+        Noise that holds if an option is left out, by condition, for the help.
     """
     from excitation_planner.design.noise import NOISE_FIELDS
 
@@ -292,7 +292,7 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
     Parameters
     ----------
     names : str
-        Of the families, separated by commas.
+        Names of the families, separated by commas.
     args : Namespace
         Parsed arguments, among them those of `add_range_options`, `add_area_option` and
         `add_lead_in_option`.
@@ -319,14 +319,14 @@ class EffectsAsked(TypedDict):
 
 
 def add_effects_option(parser: ArgumentParser, *, exceptions: str = "") -> None:
-    """Declare the option that says which effects are estimated beside the parameters.
+    """Declare the option with the effects that are estimated in addition to the parameters.
 
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand that identifies.
+        Parser of a subcommand that identifies.
     exceptions : str
-        From the default, for the help.
+        Exceptions from the default, for the help.
     """
     parser.add_argument(
         "--effects",
@@ -345,7 +345,7 @@ def effects_asked(args: Namespace, default: str = "weighed") -> EffectsAsked:
     args : argparse.Namespace
         Parsed arguments, with those of `add_effects_option`.
     default : str
-        What the option is where it is not given.
+        Value of the option if it is not given.
 
     Raises
     ------
@@ -360,12 +360,12 @@ def effects_asked(args: Namespace, default: str = "weighed") -> EffectsAsked:
 
 
 def add_other_vehicle_option(parser: ArgumentParser) -> None:
-    """Add the option that takes drives of other plans.
+    """Declare the option that accepts drives whose plan was made for another vehicle.
 
     Parameters
     ----------
     parser : ArgumentParser
-        Of a command that identifies.
+        Parser of a subcommand that identifies.
     """
     parser.add_argument(
         "--other-vehicle",
@@ -381,7 +381,7 @@ def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand that reads recorded drives.
+        Parser of a subcommand that reads recorded drives.
     sensors : bool
         Whether it also reads commands and sensors besides the pose.
     """
@@ -441,18 +441,18 @@ def _datum(text: str) -> Datum:
     except ExcitationError as error:  # a ValueError, too
         raise ArgumentTypeError(str(error)) from error
     except (ValueError, TypeError) as error:
-        raise ArgumentTypeError(f"{text!r}: want LAT,LON or LAT,LON,ALT") from error
+        raise ArgumentTypeError(f"{text!r}: needs LAT,LON or LAT,LON,ALT") from error
 
 
 def describe_later(parser: ArgumentParser, describe: Callable[[], None]) -> None:
-    """Have a parser complete its help when that is shown, with what takes a while to find out.
+    """Have a parser complete its help only when it is shown, as this takes time.
 
     Parameters
     ----------
     parser : ArgumentParser
-        Of a subcommand.
+        Parser of the subcommand.
     describe : callable
-        Sets what is missing.
+        Completes the help texts of the parser.
     """
     format_help = parser.format_help
 
@@ -474,45 +474,22 @@ def search_boxes() -> str:
     return "\n".join(["search boxes, in m, m/s, rad and Hz; --range sets others:", *lines, ""])
 
 
-def seed(text: str) -> int:
-    """Return a seed of the random streams, a whole number from 0.
-
-    Parameters
-    ----------
-    text : str
-        Argument.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is another text.
-
-    Examples
-    --------
-    >>> seed("7")
-    7
-    """
-    if not (text.isascii() and text.isdigit()):
-        raise ArgumentTypeError(f"{text!r} must be a whole number from 0")
-    return int(text)
-
-
 def real_time_factor(text: str) -> float:
     """Return the largest ratio of simulated to wall time, from 0 (no limit) to 1000.
 
     Parameters
     ----------
     text : str
-        Argument.
+        Text of the argument.
 
     Raises
     ------
     ArgumentTypeError
-        If it is outside that range, or no number.
+        If it is not a number of that range.
     """
     factor = _number(text)
     if not 0.0 <= factor <= 1000.0:
-        raise ArgumentTypeError(f"{text!r} must be from 0 (as fast as it runs) to 1000")
+        raise ArgumentTypeError(f"{text!r}: must be from 0 (as fast as it runs) to 1000")
     return factor
 
 
@@ -522,12 +499,12 @@ def nonnegative_number(text: str) -> float:
     Parameters
     ----------
     text : str
-        Argument.
+        Text of the argument.
 
     Raises
     ------
     ArgumentTypeError
-        If it is another text.
+        If the text is not such a number.
     """
     value = _number(text)
     if not 0.0 <= value < math.inf:
@@ -541,12 +518,12 @@ def positive_number(text: str) -> float:
     Parameters
     ----------
     text : str
-        Argument.
+        Text of the argument.
 
     Raises
     ------
     ArgumentTypeError
-        If it is another text.
+        If the text is not such a number.
     """
     value = _number(text)
     if not 0.0 < value < math.inf:
@@ -573,12 +550,12 @@ def namespace(text: str) -> str:
 
 
 def parameter_name(text: str) -> str:
-    """Return the name of a parameter, whichever of `-` and `_` it is typed with.
+    """Return the name of a parameter; it may be typed with `-` or `_`.
 
     Parameters
     ----------
     text : str
-        Argument.
+        Text of the argument.
     """
     return text.replace("-", "_")
 
@@ -589,7 +566,7 @@ def parameter_names(text: str) -> tuple[str, ...]:
     Parameters
     ----------
     text : str
-        Separated by commas.
+        Names, separated by commas.
 
     Examples
     --------
@@ -623,7 +600,7 @@ def parse_assignments(pairs: Sequence[str]) -> dict[str, float]:
         try:
             value = float(text)
         except ValueError:
-            raise PlanError(f"{pair!r}: want name=number") from None
+            raise PlanError(f"{pair!r}: needs name=number") from None
         if name in values:
             raise PlanError(f"{name} is given twice")
         values[name] = value

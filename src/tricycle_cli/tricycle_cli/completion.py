@@ -29,7 +29,7 @@ def completion_script(shell: str, words: Mapping[str, Sequence[str]]) -> str:
     shell : str
         One of `SHELLS`.
     words : mapping of str to sequence of str
-        What may follow each command.
+        Words that may follow each command.
     """
     cases = "\n".join(
         f'        {name}) words="{" ".join(follow)}" ;;' for name, follow in words.items()
@@ -44,7 +44,7 @@ def words_of(parser: argparse.ArgumentParser) -> list[str]:
     Parameters
     ----------
     parser : ArgumentParser
-        Of the command.
+        Parser of the command.
     """
     words: set[str] = set()
     for action in parser._actions:  # noqa: SLF001  (argparse tells its options by this only)
@@ -57,7 +57,7 @@ def words_of(parser: argparse.ArgumentParser) -> list[str]:
 
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter):
-    """Help that tells the default of every option that has one, and keeps the lines of examples."""
+    """Help with the default of every option that has one; it keeps the lines of examples."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n" in text:

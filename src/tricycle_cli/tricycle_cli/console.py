@@ -1,4 +1,4 @@
-"""Where the commands print."""
+"""Consoles on which the commands print."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ def plain_console(
     width: int | None = None,
     highlight: bool = True,
 ) -> Console:
-    """Return a console that prints names of files as they are: `[left]` and `:car:` are no markup.
+    """Return a console that prints text as it is: `[left]` and `:car:` are not markup.
 
     Parameters
     ----------
     stderr : bool
-        Whether it prints there.
+        Whether it prints to standard error.
     file : TextIO, optional
-        Where else it prints.
+        File that it prints to instead.
     width : int, optional
-        Of its lines [characters]; default: that of the terminal.
+        Width of its lines [characters]; default: that of the terminal.
     highlight : bool
         Whether numbers and paths are coloured.
     """

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass
 class ReadDrives:
-    """What was read.
+    """Drives that a command has read.
 
     Attributes
     ----------
     used, held_out : list of MeasuredDrive
-        Drives to identify from, and to predict.
+        Drives to identify from, and drives to predict.
     tables : list of Table
-        Those that drives to identify from are windows of.
+        Tables whose windows are drives to identify from.
     remarks : list of str
         How much of each table is used.
     """
@@ -46,7 +46,7 @@ def is_table(path: Path) -> bool:
     Parameters
     ----------
     path : Path
-        Of a drive.
+        Path of a drive.
     """
     return path.name.lower().endswith((".csv", ".csv.gz"))
 
@@ -57,9 +57,9 @@ def read_drives(args: Namespace, vehicle: Vehicle, columns: Columns | None) -> R
     Parameters
     ----------
     args : Namespace
-        With `drives` and `held_out`, and the options of windows and topics.
+        Parsed arguments: `drives` and `held_out`, and the options of windows and topics.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     columns : Columns, optional
         Mapping of the tables' columns.
 
@@ -115,7 +115,7 @@ def _windows_of(
 
 
 def _used(recording: Recording, selection: Selection, windows: Windows) -> str:
-    """How much of a table the windows are, and what is left out."""
+    """Return in words how much of a table is in windows, and what is left out."""
     count, whole = len(selection.drives), recording.time[-1] - recording.time[0]
     return (
         f"{recording.name}: {count} windows of {windows.length:g} s are "

@@ -9,7 +9,6 @@ import re
 import signal
 import sys
 from collections.abc import Collection, Sequence
-from difflib import get_close_matches
 from importlib import import_module
 from keyword import iskeyword
 from types import ModuleType
@@ -17,7 +16,7 @@ from typing import Any, NoReturn
 
 from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
-from tricycle_core.errors import ExcitationError, message_of
+from tricycle_core.errors import ExcitationError, did_you_mean, message_of
 from tricycle_core.optional import EXTRAS, missing
 
 COMMANDS = {
@@ -83,9 +82,8 @@ class _Parser(argparse.ArgumentParser):
         """Refuse what is unknown here: the parser above would not know whose options to name."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            close = get_close_matches(unknown[0].partition("=")[0], self._option_string_actions, 1)
-            hint = f", did you mean {close[0]}?" if close else ""
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+            question = did_you_mean(unknown[0].partition("=")[0], self._option_string_actions)
+            self.error(f"unrecognized arguments: {' '.join(unknown)}; {question}".rstrip("; "))
         return found, unknown
 
     def _get_value(self, action: argparse.Action, text: str) -> Any:
@@ -99,13 +97,12 @@ class _Parser(argparse.ArgumentParser):
         return super()._get_value(action, text)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse a value that is none of the choices, with the one that is meant perhaps."""
+        """Refuse a value that is not one of the choices, and suggest the closest one."""
         known = [str(choice) for choice in action.choices or ()]
-        if known and str(value) not in known and (close := get_close_matches(str(value), known, 1)):
+        if str(value) not in known and (question := did_you_mean(value, known)):
             raise argparse.ArgumentError(
                 action,
-                f"invalid choice: {value!r}, did you mean {close[0]}? (choose from "
-                f"{', '.join(known)})",
+                f"invalid choice: {value!r}; {question} (choose from {', '.join(known)})",
             )
         super()._check_value(action, value)
 

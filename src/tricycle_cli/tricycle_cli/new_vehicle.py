@@ -37,22 +37,22 @@ Answers = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Question:
-    """One thing that a vehicle file cannot do without.
+    """Question for a value that every vehicle file needs.
 
     Attributes
     ----------
     key : str
-        Of the answer.
+        Key of the answer.
     text : str
-        With the unit.
+        Text of the question, with the unit.
     default : str
-        The answer to an empty line; empty: there is none.
+        Answer if the line is empty; empty: there is no default.
     low, high : float
         Bounds of a number.
     choices : tuple of str
-        Of an answer that is no number; empty: any text where `low` is not below `high`.
+        Possible answers if it is not a number; empty: any text where `low` is not below `high`.
     asked : callable
-        From the answers so far to whether it is asked.
+        Whether the question is asked, given the answers so far.
     like : str
         Key of an earlier answer, which is then the default.
     """
@@ -72,12 +72,12 @@ class Question:
         Parameters
         ----------
         line : str
-            What was typed.
+            Line that was typed.
 
         Raises
         ------
         VehicleError
-            If it is no answer, with what would be one.
+            If it is not an answer; the message says what would be one.
         """
         line = line.strip()
         if self.choices:
@@ -167,7 +167,7 @@ QUESTIONS = (
     ),
     Question("battery_voltage", "voltage of the battery / V", "48", 1.0, 1000.0),
 )  # fmt: skip
-"""In the order in which they are asked."""
+"""Questions in the order in which they are asked."""
 
 
 def ask(read: Callable[[str], str], say: Callable[[str], None]) -> dict[str, Any]:
@@ -176,7 +176,7 @@ def ask(read: Callable[[str], str], say: Callable[[str], None]) -> dict[str, Any
     Parameters
     ----------
     read : callable
-        From a prompt to the line that was typed.
+        Shows a prompt and returns the line that was typed.
     say : callable
         Takes what is wrong with an answer.
     """
@@ -195,7 +195,7 @@ def ask(read: Callable[[str], str], say: Callable[[str], None]) -> dict[str, Any
 
 
 Entry = Mapping[str, Any]
-"""What stands behind a constant in a vehicle file."""
+"""Entry of a constant in a vehicle file."""
 
 
 def from_answers(answers: Answers) -> str:
@@ -204,7 +204,7 @@ def from_answers(answers: Answers) -> str:
     Parameters
     ----------
     answers : mapping
-        From `ask`.
+        Answers by key, from `ask`.
     """
     wheels = _wheels(answers)
     laws = {part: answers[part] for part in PARTS if part in answers}
@@ -233,9 +233,9 @@ def from_file(source: str, name: str) -> str:
     Parameters
     ----------
     source : str
-        Path of the other one, or its name in `shipped_vehicles`.
+        Path of the other file, or its name in `shipped_vehicles`.
     name : str
-        Of the new vehicle.
+        Name of the new vehicle.
 
     Raises
     ------
@@ -272,7 +272,7 @@ class _Estimate(NamedTuple):
 
 
 class _Sized(NamedTuple):
-    """What several estimates rest on."""
+    """Sizes and loads on which several estimates are based."""
 
     wheels: tuple[Wheel, ...]
     load: Mapping[str, float]  # N, of each wheel of an axle
@@ -291,7 +291,7 @@ class _Sized(NamedTuple):
         return cls(wheels, load, weight / len(wheels), track)
 
     def damping(self, stiffness: float, share: float) -> float:
-        """Return so much of the critical damping of a wheel's part of the mass [N s/m]."""
+        """Return a share of the critical damping of the mass on one wheel [N s/m]."""
         return 2.0 * share * math.sqrt(stiffness * self.mean_load / GRAVITY)
 
 

@@ -14,7 +14,7 @@ def progress_bar(description: str) -> Iterator[Progress]:
     Parameters
     ----------
     description : str
-        What is being done, at the left of the bar.
+        Text at the left of the bar.
 
     Yields
     ------

@@ -1,3 +1,3 @@
-"""What all packages share."""
+"""Basics that all packages share."""
 
 __version__ = "0.2.0"  # of all packages

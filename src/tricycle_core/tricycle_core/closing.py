@@ -1,4 +1,4 @@
-"""What holds a resource and is closed once."""
+"""Base of objects that hold a resource and are closed once."""
 
 from abc import ABC, abstractmethod
 from types import TracebackType

@@ -1,4 +1,4 @@
-"""Levels and values of diagnostic_msgs/DiagnosticStatus, without ROS."""
+"""Levels and key-value pairs of diagnostic_msgs/DiagnosticStatus, without ROS."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Level(enum.IntEnum):
-    """How a part of the system is; the values are those of DiagnosticStatus."""
+    """Condition of a part of the system; the values are those of DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -16,12 +16,12 @@ class Level(enum.IntEnum):
 
     @classmethod
     def of(cls, level: bytes) -> Level:
-        """Return the level of a DiagnosticStatus; of others' bytes the lowest two bits count.
+        """Return the level of a DiagnosticStatus; only the lowest two bits of the byte count.
 
         Parameters
         ----------
         level : bytes
-            As the message has it.
+            Field `level` of the message, one byte.
         """
         return cls(int.from_bytes(level, "little") & 3)
 
@@ -32,6 +32,6 @@ def values_of(status: Any) -> dict[str, str]:
     Parameters
     ----------
     status : DiagnosticStatus message
-        Of rosbags or rclpy.
+        Message as read by rosbags or rclpy.
     """
     return {pair.key: pair.value for pair in status.values}

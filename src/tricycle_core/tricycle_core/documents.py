@@ -31,14 +31,14 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
     limit : int
         Largest size [bytes].
     what : str
-        What the file should be, for the message: "a plan".
+        Expected content, for the message: "a plan".
     error : type
         Raised when the file is larger.
 
     Raises
     ------
     ExcitationError
-        Of the type `error`, if the file is larger than `limit`.
+        If the file is larger than `limit`; of the type `error`.
     OSError
         If the file cannot be read.
     """
@@ -50,17 +50,18 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a folder to which nothing can be written; called before the work that fills it.
+    """Raise if nothing can be written to a folder; called before the work that fills it.
 
     Parameters
     ----------
     path : Path
-        May exist; where it does not, nothing is made yet.
+        Folder; it need not exist, and is not made here.
 
     Raises
     ------
     ExcitationError
-        If it is in a file's place, or there is no permission to make it or to write into it.
+        If a file stands in the folder's place, or there is no permission to make it or to write
+        into it.
     """
     existing = next(folder for folder in (path, *path.parents) if folder.exists())
     if not existing.is_dir():
@@ -71,19 +72,19 @@ def check_folder(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a path to write to; the file takes the place of `path` when the block ends well.
+    """Give a path to write to; the file replaces `path` once the block ends without an error.
 
     Missing folders are made. When the block raises, `path` is as it was and nothing is left behind.
 
     Parameters
     ----------
     path : Path
-        File to appear or to be replaced.
+        File to be made or replaced.
 
     Yields
     ------
     partial : Path
-        File beside it, with the same suffix.
+        Temporary file in the same folder, with the same suffix.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +123,7 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Parameters
     ----------
     content : bytes
-        Of the file.
+        Content of the file.
     where : str
         Named first in the message, usually the file.
     error : type
@@ -131,7 +132,7 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        Of the type `error`, if it is not JSON, or a text of it is not printable.
+        If it is not JSON, or a text of it is not printable; of the type `error`.
     """
     try:
         values = json.loads(_text(content, where, error), parse_constant=_infinity)
@@ -147,12 +148,12 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
 
 
 def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
-    """Return the values of a YAML text in UTF-8 without aliases, by which a file can explode.
+    """Return the values of a YAML text in UTF-8; aliases are refused: a file can explode by them.
 
     Parameters
     ----------
     content : bytes
-        Of the file.
+        Content of the file.
     where : str
         Named first in the message, usually the file.
     error : type
@@ -161,8 +162,8 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        Of the type `error`, with the line, if it is not YAML, has aliases, or a key twice in one
-        mapping.
+        If it is not YAML, has aliases, or a key twice in one mapping; of the type `error`, with the
+        line.
     """
     import yaml  # plans do without
 
@@ -211,7 +212,7 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
     Parameters
     ----------
     values : object
-        From a file; names are checked, too.
+        Values from a file; names are checked, too.
     where : str
         Named first in the message.
     error : type
@@ -220,7 +221,7 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
     Raises
     ------
     ExcitationError
-        Of the type `error`; the message names the place.
+        If a text is not printable; of the type `error`, naming the place.
     """
     places = [("", values)]
     while places:
@@ -240,12 +241,12 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
 
 
 def separator_of(lines: Iterable[str]) -> str:
-    """Return what separates the columns of a table: the comma, unless there are more of another.
+    """Return the column separator of a table: the comma, unless another one occurs more often.
 
     Parameters
     ----------
     lines : iterable of str
-        The table's, as an open file gives them; the first one that is not blank is the header.
+        Lines of the table, e.g. an open file; the first line that is not blank is the header.
 
     Examples
     --------
@@ -262,7 +263,7 @@ def encode(document: object) -> Any:
     Parameters
     ----------
     document : dataclass
-        May hold dataclasses, mappings, sequences, enumerations and arrays.
+        Dataclass whose fields may hold dataclasses, mappings, sequences, enumerations and arrays.
     """
     # field by field: msgspec leaves out those that `decode` left at their defaults
     if dataclasses.is_dataclass(document):
@@ -286,7 +287,7 @@ def decode(
     kind : type
         A dataclass; fields that are `FloatArray` take (nested) lists of numbers.
     values : object
-        From `parse_json`. Entries that the type does not know are ignored.
+        Values from `parse_json`; entries that the type does not know are ignored.
     where : str
         Named first in the message.
     error : type
@@ -295,7 +296,8 @@ def decode(
     Raises
     ------
     ExcitationError
-        Of the type `error`; the message names the first entry that does not fit and what would.
+        If the values do not fit; of the type `error`, naming the first entry that does not fit and
+        what would.
     """
     import msgspec
 
@@ -345,7 +347,7 @@ def _kind(name: str) -> str:
 
 def _infinity(text: str) -> float:
     if text == "NaN":
-        raise ValueError("NaN is no number of a document")
+        raise ValueError("NaN is not a number of a document")
     return float(text)
 
 

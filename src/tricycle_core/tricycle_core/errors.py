@@ -1,4 +1,4 @@
-"""The exceptions of all packages: what a user can mend, told in one line.
+"""The exceptions of all packages, and their messages in one line.
 
 ::
 
@@ -20,9 +20,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+LISTED, CUT = 500, 100
+"""Length up to which a message lists all known names, and length of a longer list [characters]."""
+
 
 class ExcitationError(ValueError):
-    """Something that the user can mend; the message says what, where, and what would be right."""
+    """A mistake that the user can correct; the message says where, what, and what is right."""
 
 
 class VehicleError(ExcitationError):
@@ -30,15 +36,15 @@ class VehicleError(ExcitationError):
 
 
 class PlantError(ExcitationError):
-    """A plant behind the boards is unknown, cannot be made, or has failed."""
+    """A simulated plant (what the boards drive) is unknown, cannot be made, or has failed."""
 
 
 class CommandsError(ExcitationError):
-    """Commands are unusable; the message names row and column."""
+    """Commands cannot be used; the message names row and column."""
 
 
 class LinkError(ExcitationError):
-    """A by-wire link was asked for something that it cannot do."""
+    """A by-wire link cannot do what it was asked to do."""
 
 
 class DesignError(ExcitationError):
@@ -77,12 +83,12 @@ class InfeasibleManeuver(Exception):  # noqa: N818  (an outcome of a simulation,
 
 
 def message_of(error: BaseException) -> str:
-    """Return what is wrong in one printable line; of a file its name, without the error's number.
+    """Return an error's message in one printable line; without the error number of the system.
 
     Parameters
     ----------
     error : BaseException
-        That a user's mistake raised.
+        Error caused by a mistake of the user.
 
     Examples
     --------
@@ -100,14 +106,52 @@ def message_of(error: BaseException) -> str:
 
 
 def naming(error: BaseException, path: object) -> str:
-    """Return what is wrong in one line that names a file.
+    """Return an error's message in one line that names a file.
 
     Parameters
     ----------
     error : BaseException
-        That a user's mistake raised.
+        Error caused by a mistake of the user.
     path : object
-        Of the file; it is put first where the message does not name it.
+        Path of the file; it is put first unless the message contains it.
     """
     message = message_of(error)
     return message if str(path) in message else f"{path}: {message}"
+
+
+def did_you_mean(name: object, known: Iterable[object]) -> str:
+    """Return a question with the known name that is closest to a misspelt one; empty if none is.
+
+    Parameters
+    ----------
+    name : object
+        Misspelt name.
+    known : iterable of object
+        Known names.
+    """
+    close = get_close_matches(str(name), map(str, known), 1)
+    return f"did you mean {close[0]}?" if close else ""
+
+
+def hint(name: object, known: Iterable[object]) -> str:
+    """Return the end of a message about an unknown name: the closest known one, or all of them.
+
+    Parameters
+    ----------
+    name : object
+        Unknown name.
+    known : iterable of object
+        Known names; of more than fit into `LISTED` characters only the first are listed.
+
+    Examples
+    --------
+    >>> hint("yawrate", ["speed", "yaw_rate"])
+    'did you mean yaw_rate?'
+    >>> hint("roll", ["speed", "yaw_rate"])
+    'there are: speed, yaw_rate'
+    """
+    names = [str(one) for one in known]
+    listed = ", ".join(names)
+    if len(listed) > LISTED:
+        listed = f"{listed[:CUT].rpartition(', ')[0] or listed[:CUT]}, …"
+    return did_you_mean(name, names) or f"there are: {listed}"

@@ -1,23 +1,23 @@
-"""Frames of positions and motions (REP-105)."""
+"""Names of the coordinate frames (REP-105)."""
 
 BASE_LINK = "base_link"
-"""Of the vehicle: at its centre of mass, x ahead, y to the left, z up (REP-103)."""
+"""Frame of the vehicle: origin at its centre of mass, x ahead, y to the left, z up (REP-103)."""
 
 ODOM = "odom"
-"""Of the ground: fixed, and positions in it do not jump."""
+"""Frame of the ground: fixed, and positions in it do not jump."""
 
 MANEUVER = "maneuver"
-"""Of a maneuver's path and reference: its origin is the pose of the start."""
+"""Frame of a maneuver's path and reference: its origin is the start pose."""
 
 
 def of_frame(name: str, wanted: str) -> bool:
-    """Return whether poses of a frame are those of the wanted one; if they name none, they are.
+    """Return whether poses are those of the wanted frame; a missing frame name is accepted.
 
     Parameters
     ----------
     name : str
-        `child_frame_id` of a message.
+        Frame whose pose the message holds: its `child_frame_id`.
     wanted : str
-        Whose poses are taken.
+        Frame whose poses are accepted, e.g. `BASE_LINK`.
     """
     return name.lstrip("/") in {"", wanted}

@@ -1,4 +1,4 @@
-"""What a JointTrajectory of `maneuver/commands` holds, as numbers."""
+"""The commands in a JointTrajectory of `maneuver/commands`, as numbers."""
 
 from typing import Any
 
@@ -15,12 +15,12 @@ def rows_of(message: Any) -> FloatArray:
     Parameters
     ----------
     message : JointTrajectory message
-        Of rosbags or rclpy.
+        Message as read by rosbags or rclpy.
 
     Raises
     ------
     ValueError
-        If it lacks one of `JOINTS`.
+        If the message lacks one of `JOINTS`.
     IndexError
         If a point lacks a position or velocity.
     """

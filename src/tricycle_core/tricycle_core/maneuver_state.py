@@ -1,4 +1,4 @@
-"""What `maneuver/state` says, as plain values.
+"""The content of `maneuver/state` as plain values.
 
 The maneuver driver publishes it, `tricycle drive` follows it, a bag keeps it for the judge.
 """
@@ -14,7 +14,7 @@ from tricycle_core.stamps import SECOND
 
 
 class PlaybackState(Enum):
-    """What the driver is doing."""
+    """Activity of the driver."""
 
     WAITING = "waiting"
     STARTING = "starting"
@@ -41,15 +41,15 @@ class ManeuverState:
     Attributes
     ----------
     state : PlaybackState
-        What it is doing.
+        Present activity of the driver.
     plan_id : str
-        Of the plan that it has; empty without one.
+        Identifier of the loaded plan; empty without one.
     start_time : int, optional
         When the newest run began [ns]; None before it.
     elapsed, duration : float
-        Of the run [s].
+        Time since the start of the run, and length of the run [s].
     reason : str
-        Why it was aborted, or done before its last command.
+        Why the run was aborted, or ended before its last command; otherwise empty.
     """
 
     state: PlaybackState
@@ -78,12 +78,12 @@ class ManeuverState:
         Parameters
         ----------
         values : mapping of str to str
-            As `values` returns them.
+            Pairs as returned by `values`.
 
         Raises
         ------
         ValueError
-            If the state is none of `PlaybackState`, or a time is no finite number.
+            If the state is not one of `PlaybackState`, or a time is not a finite number.
         """
         start = values.get("start_time", "")
         elapsed, duration = (float(values.get(name, "0")) for name in ("elapsed", "duration"))
@@ -104,5 +104,5 @@ def _nanoseconds(seconds: str) -> int:
     whole, _, fraction = seconds.partition(".")
     nanoseconds = int(whole) * SECOND + int(fraction.ljust(9, "0")[:9] or 0)
     if not 0 <= nanoseconds < 2**63:
-        raise ValueError(f"{seconds} s is no time")
+        raise ValueError(f"{seconds} s is not a time")
     return nanoseconds

@@ -1,4 +1,4 @@
-"""What all nodes share: how one runs, declares its parameters and offers its topics.
+"""Common part of all nodes: running one, declaring its parameters, offering its topics.
 
 A node ends quickly and silently, with one line for a user's mistake.
 """
@@ -13,7 +13,6 @@ import re
 import signal
 import sys
 from collections.abc import Callable
-from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
 from types import FrameType
@@ -38,7 +37,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from tricycle_core import __version__
-from tricycle_core.errors import message_of
+from tricycle_core.errors import did_you_mean, message_of
 from tricycle_core.stamps import split_seconds
 from tricycle_core.start import ending_signals
 
@@ -73,11 +72,11 @@ _KINDS = {
     "STRING_ARRAY": "a list of texts, as [a, b]",
     "DOUBLE_ARRAY": "a list of numbers with a point, as [0.0, 2.0]",
 }
-"""What a parameter of a type needs, by rclpy's names."""
+"""Kind of value that a parameter needs, by rclpy's name of its type."""
 
 
 class NotTheExecutors(CallbackGroup):
-    """Hides subscriptions and their event handlers from the executor: the node takes from them."""
+    """Hides subscriptions and their event handlers from the executor: the node polls them."""
 
     def can_execute(self, _entity: object) -> bool:
         """Return False."""
@@ -112,7 +111,7 @@ def overridable(qos: QoSProfile | int) -> dict[str, Any]:
     Parameters
     ----------
     qos : QoSProfile or int
-        Profile unless overridden, or its depth; copied, because rclpy changes what it is given.
+        Default profile, or its depth; it is copied, because rclpy changes the one it is given.
     """
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else copy.copy(qos)
     options = QoSOverridingOptions.with_default_policies()
@@ -135,15 +134,15 @@ def declare(
     node : Node
         Node that has the parameter.
     name : str
-        Of the parameter.
+        Name of the parameter.
     default : bool, int, float, str, list of float or list of str
         Value unless set; it decides the type.
     description : str
-        For `ros2 param describe`, with the unit.
+        Description shown by `ros2 param describe`, with the unit.
     span : (float, float), optional
         Smallest and largest value of a number.
     read_only : bool
-        Whether it can be set at the start only.
+        Whether it can be set only when the node starts.
     """
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
     if span is not None and isinstance(default, int):
@@ -157,12 +156,12 @@ def declare(
 
 
 def ignore_impossible_times(node: Node) -> None:
-    """Let messages of /clock that tell a negative time pass by; rclpy's own callback raises.
+    """Ignore messages of /clock with a negative time, on which rclpy's own callback raises.
 
     Parameters
     ----------
     node : Node
-        Node on simulated time; on another nothing is done.
+        Node; nothing is done unless it uses simulated time.
     """
     for subscription in node.subscriptions:
         if subscription.msg_type is Clock and subscription.callback:
@@ -209,13 +208,12 @@ def _warn_of_unknown_parameters(node: Node) -> None:
     known = node.list_parameters([], 0).names
     for name in node._parameter_overrides:  # noqa: SLF001 - rclpy tells them no other way
         if not node.has_parameter(name):
-            close = get_close_matches(name, known, 1)
-            hint = f"did you mean {close[0]}?" if close else "--help lists those there are"
-            node.get_logger().warning(f"{name} is no parameter of this node: {hint}")
+            hint = did_you_mean(name, known) or "--help lists those there are"
+            node.get_logger().warning(f"{name} is not a parameter of this node: {hint}")
 
 
 def _told(mistake: Exception) -> str:
-    """What is wrong, in one line."""
+    """Return what is wrong, in one line."""
     if type(mistake).__name__ == "UnknownROSArgsError":  # rclpy says nothing but the list
         return f"unknown ROS arguments: {mistake}"
     text = message_of(mistake)
@@ -229,7 +227,7 @@ def _told(mistake: Exception) -> str:
 
 
 def run_node(factory: Callable[[], Node]) -> None:
-    """Construct a node, spin it until one of `ending_signals`, and leave no trace of the ending.
+    """Construct a node, spin it until one of `ending_signals` arrives, and shut it down quietly.
 
     With `--help` it says what the node is, and its parameters, and starts nothing.
 
@@ -241,7 +239,7 @@ def run_node(factory: Callable[[], Node]) -> None:
     Parameters
     ----------
     factory : callable
-        Makes the node, after rclpy is initialised.
+        Function that makes the node; called after rclpy is initialised.
     """
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_help(factory), end="")

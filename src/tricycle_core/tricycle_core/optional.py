@@ -1,4 +1,4 @@
-"""Libraries that only some results need: imported when asked for, missed in one line."""
+"""Optional libraries: imported when needed; the error says how to install a missing one."""
 
 from importlib import import_module
 from importlib.util import find_spec
@@ -26,19 +26,19 @@ EXTRAS = {
 
 
 def optional(module: str, what: str) -> Any:
-    """Return a library that need not be installed.
+    """Import and return a library that need not be installed.
 
     Parameters
     ----------
     module : str
-        To be imported.
+        Name of the module to import.
     what : str
-        That needs it.
+        What needs the library, for the message.
 
     Raises
     ------
     ReportError
-        If it is not installed; says how to get it.
+        If it is not installed; the message says how to get it.
     """
     try:
         return import_module(module)
@@ -49,33 +49,33 @@ def optional(module: str, what: str) -> Any:
 
 
 def check_installed(module: str, what: str) -> None:
-    """Refuse to begin what ends with a library that is not installed.
+    """Raise if a library is not installed, before work that needs it at its end.
 
     Parameters
     ----------
     module : str
-        To be imported later.
+        Name of a module that is imported later.
     what : str
-        That needs it.
+        What needs the library, for the message.
 
     Raises
     ------
     ReportError
-        If it is not installed; says how to get it.
+        If it is not installed; the message says how to get it.
     """
     if find_spec(module) is None:
         raise ReportError(missing(module, what))
 
 
 def missing(package: str, what: str) -> str:
-    """Return a line about a library that is not installed, and how to get it.
+    """Return the message about a library that is not installed, and how to get it.
 
     Parameters
     ----------
     package : str
-        Its name in an import.
+        Name by which the library is imported.
     what : str
-        That needs it.
+        What needs the library.
     """
     extra = EXTRAS.get(package)
     source = f"'tricycle-excitation[{extra}]'" if extra else package

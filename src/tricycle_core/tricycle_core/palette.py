@@ -1,4 +1,4 @@
-"""Colours of all figures: those of Okabe and Ito (2008), told apart by colour-blind readers too."""
+"""Colours of all figures, by Okabe and Ito (2008); colour-blind readers can distinguish them."""
 
 BLUE = "#0072B2"
 VERMILLION = "#D55E00"

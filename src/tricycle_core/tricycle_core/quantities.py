@@ -17,7 +17,7 @@ def with_deviation(estimate: float, std: float) -> str:
     Parameters
     ----------
     estimate, std : float
-        In one unit.
+        Estimate and standard deviation, in the same unit.
 
     Examples
     --------

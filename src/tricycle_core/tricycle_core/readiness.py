@@ -1,4 +1,4 @@
-"""Whether the vehicle accepts commands: what `vehicle/state` says, as plain values.
+"""Whether the vehicle accepts commands: the content of `vehicle/state` as plain values.
 
 The bridge publishes it, the maneuver driver obeys it, a bag keeps it for the judge.
 """
@@ -26,7 +26,7 @@ class Readiness(NamedTuple):
     armed : bool
         Whether both boards are armed and the bridge forwards commands.
     reason : str
-        Why not, for a person; empty while armed.
+        Why the vehicle is not armed, for a person; empty while armed.
     commander : str
         Name of the commander that is obeyed; empty while there is none.
     """
@@ -42,12 +42,12 @@ class Readiness(NamedTuple):
 
     @classmethod
     def from_values(cls, values: Mapping[str, str]) -> Readiness:
-        """Read the key-value pairs of a message; what is missing means that it is not armed.
+        """Read the key-value pairs of a message; if `armed` is missing, the vehicle is not armed.
 
         Parameters
         ----------
         values : mapping of str to str
-            As `values` returns them.
+            Pairs as returned by `values`.
         """
         return cls(
             values.get("armed") == "true", values.get("reason", ""), values.get("commander", "")

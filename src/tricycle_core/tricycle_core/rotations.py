@@ -27,7 +27,7 @@ def is_unit(q: Quaternion) -> bool:
     Parameters
     ----------
     q : Quaternion
-        Any numbers, NaN among them.
+        Quaternion; its fields may be any numbers, also NaN.
     """
     return abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) < UNIT_TOLERANCE
 

@@ -1,4 +1,4 @@
-"""How far the tricycle rolls until it rests: the distances that the suite publishes.
+"""Stopping distances of the tricycle, as the suite publishes them.
 
 They hold for the tricycle of the suite with up to 30 kg of load on slopes of up to 5 %, with a
 friction brake that works.
@@ -15,7 +15,7 @@ Speed = TypeVar("Speed", float, FloatArray)
 
 
 class Cause(enum.Enum):
-    """What stops the vehicle."""
+    """Event that makes the vehicle stop."""
 
     ESTOP = "e-stop"
     DISARM = "DISARM"
@@ -25,16 +25,16 @@ class Cause(enum.Enum):
 
 @dataclass(frozen=True)
 class StoppingLaw:
-    """A stop with a delay and then the least deceleration.
+    """A stop: a delay at constant speed, then the smallest deceleration that is guaranteed.
 
     Attributes
     ----------
     delay : float
-        Without deceleration [s].
+        Time before the deceleration begins [s].
     deceleration : float
-        After it [m/s^2].
+        Deceleration after the delay [m/s^2].
     margin : float
-        Way besides [m]: the motor may still push when the stop begins.
+        Additional distance [m]: the motor may still push when the stop begins.
     """
 
     delay: float
@@ -42,12 +42,12 @@ class StoppingLaw:
     margin: float = 0.2
 
     def distance(self, speed: Speed) -> Speed:
-        """Return the way to rest [m].
+        """Return the distance until the vehicle rests [m].
 
         Parameters
         ----------
         speed : float or ndarray of float
-            At the start [m/s].
+            Speed at the beginning of the stop [m/s].
         """
         return self.margin + speed * self.delay + speed**2 / (2.0 * self.deceleration)
 
@@ -72,14 +72,14 @@ _LAWS = {
 
 
 def stopping_distance(cause: Cause, speed: Speed) -> Speed:
-    """Return the way from the host's act to rest [m].
+    """Return the distance from the event until the vehicle rests [m].
 
     Parameters
     ----------
     cause : Cause
-        What stops the vehicle.
+        Event that makes the vehicle stop.
     speed : float or ndarray of float
-        At that time [m/s].
+        Speed at the event [m/s].
     """
     reaction, law = _LAWS[cause]
     return speed * reaction + law.distance(speed)

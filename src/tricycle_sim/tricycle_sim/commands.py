@@ -38,8 +38,8 @@ class Commands:
     Raises
     ------
     CommandsError
-        Naming the first row (from 1) and column that is not finite, goes back in time or is beyond
-        what the PLCs accept.
+        If a number is not finite, goes back in time or is beyond what the PLCs accept; the message
+        names the first row (from 1) and column.
     """
 
     time: FloatArray
@@ -108,7 +108,8 @@ def load_commands(path: Path) -> Commands:
     Raises
     ------
     CommandsError
-        Naming file, row (the first one below the header is 1) and column of what is wrong.
+        If something is wrong; the message names file, row (the first one below the header is 1) and
+        column.
     OSError
         If the file cannot be read.
     """

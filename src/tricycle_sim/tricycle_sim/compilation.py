@@ -54,7 +54,7 @@ def compilable(function: Callable[..., Any]) -> Any:
     Parameters
     ----------
     function : callable
-        As Python has it; those that it calls may be marked too.
+        Python function; those that it calls may be marked too.
     """
     if numba.config.DISABLE_JIT:
         return function
@@ -68,7 +68,7 @@ def compilable_for_card(function: Callable[..., Any]) -> Any:
     Parameters
     ----------
     function : callable
-        As for `compilable`.
+        Python function, as in `compilable`.
     """
     from numba import cuda  # takes 0.3 s
 
@@ -102,13 +102,14 @@ def compiled(
     Parameters
     ----------
     function : callable
-        At the top level of a module: numba keeps no closures over compiled functions on disk.
+        Function at the top level of a module: numba keeps no closures over compiled functions on
+        disk.
     variant : str
         Tells the code on disk apart where the function is compiled with several `names`.
     exact : bool
         Whether sums keep their order, and every operation its rounding.
     **names : object
-        What stands for these global names of the function, instead of its module's.
+        Values of global names of the function, instead of its module's.
     """
     original = function
     if names or any(
@@ -138,7 +139,7 @@ def compiled_for_card(function: Callable[..., Any], variant: str, **names: Any) 
     Parameters
     ----------
     function, variant, **names : object
-        As for `compiled`.
+        Arguments as in `compiled`.
     """
     from numba import cuda
 

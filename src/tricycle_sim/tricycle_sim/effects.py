@@ -13,14 +13,13 @@ missing.
 """
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from tricycle_core.errors import VehicleError
+from tricycle_core.errors import VehicleError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
@@ -60,26 +59,26 @@ class Effect:
     Attributes
     ----------
     name : str
-        For `--effects` and reports.
+        Name in reports; for `--effects` see `option`.
     unit : str
-        Of its value; "1": a share of the value in the file.
+        Unit of its value; "1": a share of the value in the file.
     std : float
-        Of the prior.
+        Standard deviation of the prior, in that unit.
     constants : mapping of str to float
         Change of each constant of the vehicle per unit of the effect.
     parts : mapping of str to str
         Laws that the vehicle needs to have these constants, by part; with the constants at their
         defaults it moves as with its own.
     low, high : float
-        Values between which it lies.
+        Smallest and largest value.
     per_drive : bool
-        Whether each drive has its own.
+        Whether it has another value in each drive.
     process : bool
         Whether it varies during a drive.
     step : float
-        Of finite differences, in standard deviations of the prior.
+        Step of finite differences, in standard deviations of the prior.
     chance : float
-        Probability that it acts, before the drives.
+        Probability before the drives that it acts.
     """
 
     name: str
@@ -170,23 +169,21 @@ EFFECTS: tuple[str, ...] = tuple(
 
 
 def check_effects(names: Sequence[str]) -> None:
-    """Raise an error if a name is none of an effect.
+    """Raise an error if a name is not one of an effect.
 
     Parameters
     ----------
     names : sequence of str
-        To be in `EFFECTS`.
+        Names that must be in `EFFECTS`.
 
     Raises
     ------
     VehicleError
-        If one is not.
+        If a name is not in `EFFECTS`.
     """
     for name in names:
         if name not in EFFECTS:
-            close = difflib.get_close_matches(name, EFFECTS, 1)
-            hint = f"; did you mean {close[0]}?" if close else f"; there are: {', '.join(EFFECTS)}"
-            raise VehicleError(f"{name!r} is no effect{hint}")
+            raise VehicleError(f"{name!r} is not an effect; {hint(name, EFFECTS)}")
 
 
 def named_effects(names: str, *, planned: bool = False) -> tuple[str, ...]:
@@ -195,7 +192,7 @@ def named_effects(names: str, *, planned: bool = False) -> tuple[str, ...]:
     Parameters
     ----------
     names : str
-        Of the effects, separated by commas; or "all" or "none".
+        Names of effects, separated by commas; or "all" or "none".
     planned : bool
         Whether a plan is to count them, which counts no deviations.
 
@@ -218,14 +215,14 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        That may have them.
+        Vehicle that is simulated or identified.
     names : sequence of str
-        Of `EFFECTS`.
+        Names from `EFFECTS`.
 
     Raises
     ------
     VehicleError
-        If a name is none of an effect.
+        If a name is not one of an effect.
     """
     check_effects(names)
     found = []
@@ -272,22 +269,22 @@ def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:
     Parameters
     ----------
     vehicle : Vehicle
-        With constants of all that these laws read otherwise.
+        Vehicle with all other constants that these laws read.
     parts : mapping of str to str
-        Law by part.
+        Law of each part.
     """
     return dataclasses.replace(vehicle, parts={**vehicle.parts, **parts}) if parts else vehicle
 
 
 def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
-    """Return a vehicle with the constants that effects change as further unknown ones.
+    """Return a vehicle whose constants that effects change are unknown parameters too.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Without them.
+        Vehicle without the effects.
     effects : sequence of Effect
-        Of this vehicle.
+        Effects on this vehicle, from `effects_of`.
     """
     if not effects:  # checking a vehicle takes milliseconds, and plans ask for every maneuver
         return vehicle
@@ -307,7 +304,7 @@ def add_effects(
     effects: Sequence[Effect],
     values: Mapping[str, FloatArray],
 ) -> None:
-    """Add what effects change constants by to the constants of vehicles, in place.
+    """Add the changes that effects make to the constants of vehicles, in place.
 
     Parameters
     ----------
@@ -316,9 +313,9 @@ def add_effects(
     place : mapping of str to int
         Column of each constant.
     effects : sequence of Effect
-        Of the vehicle.
+        Effects on the vehicle.
     values : mapping of str to ndarray of float, shape (n,)
-        By name of the effect, in its unit; one that has none does not act.
+        Value of each effect by its name, in its unit; an effect without a value does not act.
     """
     for e in effects:
         if e.name in values:
@@ -327,7 +324,7 @@ def add_effects(
 
 
 def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle, frozenset[str]]:
-    """Return a vehicle whose constants have what effects were found to be, and these effects.
+    """Return a vehicle with the estimated effects in its constants, and the names of these effects.
 
     Others are left out: those of sensors, the dead time of the drive and deviations, of which the
     vehicle has no constants, and what would make it stiffer than the simulation's steps allow.
@@ -335,9 +332,9 @@ def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle
     Parameters
     ----------
     vehicle : Vehicle
-        Without them.
+        Vehicle without the effects.
     estimates : mapping of str to float
-        Of effects, by name; 0: it does not act.
+        Estimates of effects by name, in their units; 0: the effect does not act.
     """
     from tricycle_sim.vehicle import stability  # numba takes time to import
 
@@ -365,14 +362,14 @@ def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle
 def as_sensed(
     x: FloatArray, y: FloatArray, heading: FloatArray, effects: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions and headings as sensors see those of motions.
+    """Return positions and headings as the sensors would measure them.
 
     Parameters
     ----------
     x, y, heading : ndarray of float, shape (n, t)
-        Of the motions.
+        True positions [m] and headings [rad].
     effects : mapping of str to ndarray of float, shape (n,)
-        Values by name; others than those of sensors are not used.
+        Values of effects by name; only those of sensors are used.
     """
     values = {name: value[:, None] for name, value in effects.items()}
     if SENSOR_FORWARD in values or SENSOR_LEFT in values:

@@ -35,7 +35,7 @@ def tick_count(duration: float) -> int:
     Parameters
     ----------
     duration : float
-        Length [s].
+        Duration [s].
     """
     return int(np.floor(duration / TICK + 1e-6))
 
@@ -85,7 +85,7 @@ def slew_all(targets: FloatArray, rate: float, start: float = 0.0) -> tuple[Floa
 
 
 def delayed(setpoints: FloatArray, delay: float, before: float) -> FloatArray:
-    """Return set-points of consecutive ticks that are heard later, linear between ticks.
+    """Return the set-points of consecutive ticks after a delay, interpolated between ticks.
 
     They are continuous in the delay, as a search for it needs: `before` is that of the tick before
     the first one.
@@ -93,9 +93,9 @@ def delayed(setpoints: FloatArray, delay: float, before: float) -> FloatArray:
     Parameters
     ----------
     setpoints : ndarray of float, shape (t,)
-        Of every tick.
+        Set-point at each tick.
     delay : float
-        By how much [s].
+        Delay [s].
     before : float
         Set-point until the first one is heard.
     """

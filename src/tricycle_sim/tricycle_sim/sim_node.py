@@ -337,7 +337,7 @@ def _odometry(stamp: Time) -> Odometry:
 def _check_faults(names: Sequence[str]) -> None:
     """Raise if a fault is unknown."""
     if unknown := sorted(set(names) - {"", *FAULTS}):
-        raise VehicleError(f"faults: {', '.join(unknown)}: want some of {', '.join(FAULTS)}")
+        raise VehicleError(f"faults: {', '.join(unknown)}: needs some of {', '.join(FAULTS)}")
 
 
 def _refuse_unknown(parameters: list[Parameter]) -> SetParametersResult:

@@ -42,7 +42,7 @@ def save_trajectory(
     vehicle : Vehicle
         Names the parameters.
     parameters : ndarray of float, shape (n, k), optional
-        What the samples differ in; None: one vehicle, no further columns.
+        Unknown parameters in which the samples differ; None: one vehicle, no further columns.
 
     Raises
     ------

@@ -269,7 +269,7 @@ def test_a_cut_off_file_is_named(tmp_path):
         Study.open(tmp_path).ask()
     text = (tmp_path / "results.csv").read_text().replace(file.name, "../../etc/passwd")
     (tmp_path / "results.csv").write_text(text)
-    with pytest.raises(DesignError, match="is no file of trajectories"):
+    with pytest.raises(DesignError, match="is not a file of trajectories"):
         Study.open(tmp_path)
 
 

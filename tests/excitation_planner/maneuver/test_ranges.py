@@ -75,8 +75,8 @@ def test_yaml_gives_the_same_ranges(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("radius", "want entries like radius"),
-        ("radius: 3", r"radius: 3: want \[low, high\]"),
+        ("radius", "needs entries like radius"),
+        ("radius: 3", r"radius: needs \[low, high\], not 3"),
         ("circle: {speed: [1, fast]}", "circle.speed: "),
         ("a: [1\nb: 2", "is not valid YAML"),
     ],
@@ -90,8 +90,8 @@ def test_wrong_yaml_is_told_with_its_place(tmp_path, text, message):
 @pytest.mark.parametrize(
     ("texts", "message"),
     [
-        (["radius=3"], "want NAME=LOW:HIGH"),
-        (["radius=3:4:5"], "want NAME=LOW:HIGH"),
+        (["radius=3"], "needs NAME=LOW:HIGH"),
+        (["radius=3:4:5"], "needs NAME=LOW:HIGH"),
         (["radius=3:4", "radius=3:5"], "radius is given twice"),
         (["radius=4:3"], r"circle: radius: range \(4, 3\) must be finite with low < high"),
         (["width=1:2"], "range of 'width': the parameters are radius, circle.radius, speed"),

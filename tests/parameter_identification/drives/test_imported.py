@@ -57,7 +57,7 @@ def test_sensors_that_come_without_their_companions_are_in_the_bag(drive, tmp_pa
 def test_a_wheel_that_the_vehicle_lacks_is_refused(drive, tmp_path):
     recording = recording_of(drive)
     more = {**recording.more, "wheel_speeds.rera": recording.more["wheel_speeds.rear"]}
-    with pytest.raises(IdentificationError, match="'rera' is no entry; is rear meant"):
+    with pytest.raises(IdentificationError, match="'rera' is not an entry; did you mean rear"):
         write_bag(
             dataclasses.replace(recording, more=more), VEHICLE, SteeringMap(), tmp_path / "bag"
         )

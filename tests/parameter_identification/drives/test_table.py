@@ -60,7 +60,7 @@ def test_wheel_speeds_in_m_s_become_rad_s_by_the_tyres_of_the_vehicle(tmp_path: 
     with pytest.raises(IdentificationError, match=r"a\.csv: wheel_speed: km/h needs a vehicle"):
         read_recording(path, columns)
     wrong = dataclasses.replace(PLAIN, wheel_speeds={"lefft": Column("w", unit="m/s")})
-    with pytest.raises(IdentificationError, match=r"'lefft' is no entry; is left meant\?"):
+    with pytest.raises(IdentificationError, match=r"'lefft' is not an entry; did you mean left\?"):
         read_recording(path, wrong, vehicle)
 
 
@@ -68,7 +68,7 @@ def test_wheel_speeds_in_m_s_become_rad_s_by_the_tyres_of_the_vehicle(tmp_path: 
     ("text", "message"),
     [
         ("", "a.csv: is empty: a header and rows of numbers are needed"),
-        ("t,px,py,psy,cmd\n", "a.csv: column 'psi' is missing; is 'psy' meant?"),
+        ("t,px,py,psy,cmd\n", "a.csv: column 'psi' is missing; did you mean psy?"),
         ("t,px,py,psi,cmd,t\n", "a.csv: column 't' comes twice"),
         ("t,px,py,psi,cmd\n0,inf,0,0,0\n", "a.csv: row 1: px: needs a number, not 'inf'"),
         ("t,px,py,psi,cmd\n0,1_0,0,0,0\n", "a.csv: row 1: px: needs a number, not '1_0'"),
@@ -199,12 +199,12 @@ BAD_MAPPINGS = {
     "- a": r"needs entries such as",
     "time: t\nx: px\ny: py": r"needs `steering`, the set-points, or `steering_angle`",
     NEEDED + "steering: c\nsteering_angle: a": r"needs `steering`, the set-points, or",
-    NEEDED + "steering: c\nyawrate: w": r"'yawrate' is no entry; is yaw_rate meant",
+    NEEDED + "steering: c\nyawrate: w": r"'yawrate' is not an entry; did you mean yaw_rate",
     NEEDED + "steering: {column: c, unit: grad}": r"steering: unit 'grad' is not known; use one of",
-    NEEDED + "steering: {column: c, units: rad}": r"steering: 'units' is no entry",
+    NEEDED + "steering: {column: c, units: rad}": r"steering: 'units' is not an entry",
     NEEDED + "steering: c\nsteering_map: guess": r"steering_map: needs `estimate`",
     NEEDED + "steering: c\nsteering_map: {gain: 0}": r"a gain other than 0",
-    NEEDED + "steering: c\nsensor: {z: 1}": r"sensor: 'z' is no entry",
+    NEEDED + "steering: c\nsensor: {z: 1}": r"sensor: 'z' is not an entry",
     NEEDED + "steering: [c]": r"steering: needs a text or entries by name, not a list",
     NEEDED + "steering: c\nwheel_speeds: {left: {column: l, unit: m}}": (
         r"wheel_speeds.left: unit 'm' is not known; use one of rad/s"

@@ -133,7 +133,7 @@ def test_windows_have_the_sensors_that_the_table_has(tmp_path: Path) -> None:
     assert speeds.wheels == ("right", "left")
     assert speeds.values[0] == pytest.approx([(40 + 0.01 * row) * np.pi / 30.0, 4 + 1e-3 * row])
     other = load_columns(mapping(tmp_path / "other.yaml", "wheel_speeds: {lefd: left}\n"))
-    with pytest.raises(IdentificationError, match="'lefd' is no entry; is left meant"):
+    with pytest.raises(IdentificationError, match="'lefd' is not an entry; did you mean left"):
         read_windows(path, VEHICLE, other)
 
 
@@ -336,7 +336,7 @@ def test_bad_tables_are_one_line_and_status_2(
     bag = tmp_path / "bag"
     assert main(["import", str(drive), "--columns", str(bad), "--output", str(bag)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "'yawrate' is no entry; is yaw_rate meant?" in line
+    assert "'yawrate' is not an entry; did you mean yaw_rate?" in line
     assert not bag.exists()
 
 

@@ -36,7 +36,7 @@ def test_a_plan_that_names_a_deviation_is_refused():
 
 
 def test_a_wrong_name_is_refused_with_the_right_one():
-    with pytest.raises(VehicleError, match=r"'steering-zer' is no effect; did you mean st"):
+    with pytest.raises(VehicleError, match=r"'steering-zer' is not an effect; did you mean st"):
         effects_of(VEHICLE, ["steering-zer"])
 
 

@@ -361,7 +361,7 @@ def test_a_part_that_was_only_begun_hides_no_other(tmp_path: Path) -> None:
     [
         (lambda path: None, "no such bag"),
         (lambda path: path.mkdir(), "holds no metadata.yaml and no .mcap file"),
-        (lambda path: path.write_text("hello"), "want a rosbag2 directory, .mcap or .db3 file"),
+        (lambda path: path.write_text("hello"), "needs a rosbag2 directory, .mcap or .db3 file"),
         (lambda path: BagWriter(path).close(), "empty bag: no topic was recorded$"),
     ],
     ids=["missing", "no bag", "text", "empty"],

@@ -18,7 +18,7 @@ from tricycle_core.errors import PlanError
     [
         ("--targets camber-stiffness,yaw-inertia --tolerance 0", "tolerance 0 must be above 0"),
         ("--targets mass --tolerance 5%", "unknown target 'mass'"),
-        ("--targets camber_stiffness --tolerance five", "tolerance 'five': want a share"),
+        ("--targets camber_stiffness --tolerance five", "tolerance 'five': needs a share"),
         ("--targets camber_stiffness --tolerance 500%", "tolerance 5 must be"),
         ("--targets camber_stiffness --tolerance -5%", "tolerance -0.05 must be above 0"),
         ("--targets camber_stiffness --tolerance 5% --maneuver loop", "unknown maneuver 'loop'"),

@@ -106,9 +106,9 @@ def test_infeasible_drives_are_reported_not_hidden(tricycle, tmp_path, capsys):
     ("arguments", "error", "message"),
     [
         (["--set", "motor_lag=0.001"], VehicleError, "rad/s, steps of 10 ms allow 250"),
-        (["--set", "wings=2"], VehicleError, "wings: is no constant"),
-        (["--set", "mass"], PlanError, "'mass': want name=number"),
-        (["--set", "mass=heavy"], PlanError, "'mass=heavy': want name=number"),
+        (["--set", "wings=2"], VehicleError, "wings: is not a constant"),
+        (["--set", "mass"], PlanError, "'mass': needs name=number"),
+        (["--set", "mass=heavy"], PlanError, "'mass=heavy': needs name=number"),
         (["--set", "mass=40", "mass=50"], PlanError, "mass is given twice"),
         (
             ["--set", "mass=50", "cornering_stiffness=700", "--samples", "3"],

@@ -228,7 +228,7 @@ def test_a_file_that_is_there_is_kept(tricycle, tmp_path):
 
 def test_without_a_terminal_nothing_is_asked(tricycle, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO())
-    with pytest.raises(VehicleError, match="this is no terminal: give --from FILE"):
+    with pytest.raises(VehicleError, match="this is not a terminal: give --from FILE"):
         tricycle("vehicle", "new", tmp_path / "mine.yaml")
 
 

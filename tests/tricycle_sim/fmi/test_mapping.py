@@ -78,7 +78,7 @@ def test_a_file_that_is_no_fmu_is_one_line(tmp_path):
 
     (tmp_path / "a.fmu").write_text("no archive")
     (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
-    with pytest.raises(PlantError, match=r"a\.fmu: is no FMU"):
+    with pytest.raises(PlantError, match=r"a\.fmu: is not an FMU"):
         Fmu(load_mapping(tmp_path / "m.yaml"))
 
 

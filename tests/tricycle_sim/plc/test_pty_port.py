@@ -41,7 +41,7 @@ def test_the_link_is_replaced_atomically_and_removed_at_the_end(tmp_path):
 
 def test_a_file_in_the_place_of_the_link_is_kept(tmp_path):
     (tmp_path / "plc").write_text("precious")
-    with pytest.raises(LinkError, match="plc is no link to a serial device: it is not replaced"):
+    with pytest.raises(LinkError, match="plc is not a link to a serial device: it is not replaced"):
         PtyPort(tmp_path / "plc")
     assert (tmp_path / "plc").read_text() == "precious"
 

@@ -71,7 +71,7 @@ def test_a_board_stays_where_no_other_boots(firmware_images, tmp_path):
         image = build / "drive.elf"
         for content, said in (
             (None, "drive.elf does not exist"),
-            (b"", "drive.elf: is no firmware image: `make firmware` builds it"),
+            (b"", "drive.elf: is not a firmware image: `make firmware` builds it"),
             (image.read_bytes()[:1000], "the firmware crashed"),
         ):
             image.unlink()

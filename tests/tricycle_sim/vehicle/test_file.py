@@ -55,8 +55,8 @@ def constant(name, **entries):
     ("change", "message"),
     [
         (lambda d: d["constants"].pop("mass"), "mass: is missing (kg)"),
-        (lambda d: d["constants"].update(wings=1), "wings: is no constant"),
-        (lambda d: d.update(colour="red"), "colour: is no key"),
+        (lambda d: d["constants"].update(wings=1), "wings: is not a constant"),
+        (lambda d: d.update(colour="red"), "colour: is not a key"),
         (lambda d: d.pop("name"), "name: needs a text"),
         (lambda d: d.update(name="a\x1b[31m\nb"), "name: needs a text of one line"),
         (lambda d: d.pop("constants"), "needs the keys"),
@@ -65,15 +65,15 @@ def constant(name, **entries):
         (constant("mass", value=True), "mass.value: needs a number"),
         (constant("mass", basis="guess"), "mass.basis: needs one of data"),
         (constant("mass", about=None), "mass.about: needs a text"),
-        (constant("mass", colour="red"), "mass.colour: is no key"),
-        (constant("mass", vale=1), "mass.vale: is no key of a constant; did you mean value?"),
+        (constant("mass", colour="red"), "mass.colour: is not a key"),
+        (constant("mass", vale=1), "mass.vale: is not a key of a constant; did you mean value?"),
         (constant("mass", value="5e1"), "not '5e1' (YAML wants 5.0e-4 for 5e-4"),
         (constant("mass", value=None), "mass.value: is missing"),
         (constant("mass", value=10**400), "mass.value: is too large a number"),
-        (lambda d: d.update(constant={}), "constant: is no key of a vehicle file; did you mean"),
+        (lambda d: d.update(constant={}), "constant: is not a key of a vehicle file; did you mean"),
         (
             lambda d: d["constants"].update({"front.mass": {}}),
-            "front.mass: is no constant of this vehicle; did you mean mass?",
+            "front.mass: is not a constant of this vehicle; did you mean mass?",
         ),
         (constant("caster_angle", value=90), "is not in [-0.7, 0.7] (-40.1 to 40.1 deg)"),
         (constant("mass", range=[1, 2], nominal=1), "mass: needs either value"),
@@ -184,7 +184,7 @@ def test_a_file_may_list_its_wheels_and_laws(tmp_path):
         (lambda d: d["wheels"][0].update(axle="middle"), "front_left.axle: needs front or rear"),
         (
             lambda d: d["wheels"][0].update(stered=True),
-            "is no key of a wheel; did you mean steered",
+            "is not a key of a wheel; did you mean steered",
         ),
         (lambda d: d["wheels"][0].update(steered="yes"), "front_left.steered: needs true or false"),
         (lambda d: d["wheels"][0].update(steered=False), "have to be all of one axle"),
@@ -194,7 +194,7 @@ def test_a_file_may_list_its_wheels_and_laws(tmp_path):
         (lambda d: d["constants"].pop("rear_left.y"), "rear_left.y: is missing (m)"),
         (
             lambda d: d["constants"].update({"rear.shape_lateral": {}}),
-            "rear.shape_lateral: is no constant of this vehicle; the tyre magic_formula reads it",
+            "rear.shape_lateral: is not a constant of this vehicle; the tyre magic_formula",
         ),
         (lambda d: d["constants"].update({"frnt.x": {}}), "did you mean front.x"),
         (

@@ -11,7 +11,7 @@ import numpy as np
 
 from excitation_planner.area.polygons import Rings, rings_of, signed_distance
 from tricycle_core.documents import decode, parse_yaml, read_bounded
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import PlanError, hint
 from tricycle_core.frames import ODOM
 from tricycle_core.quantities import FloatArray
 
@@ -25,14 +25,14 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class StartRegion:
-    """Where a maneuver may begin: pose of `base_link` in the area's frame, from and to.
+    """Range of start poses: the pose of `base_link` in the area's frame.
 
     Attributes
     ----------
     x, y : (float, float)
-        Lowest and highest [m]; infinite: anywhere in the area.
+        Lowest and highest coordinate [m]; infinite: anywhere in the area.
     heading : (float, float)
-        From, and counter-clockwise to [rad]; a whole turn: any.
+        Range of headings, from the first counter-clockwise to the second [rad]; a whole turn: any.
     """
 
     x: Span = (-math.inf, math.inf)
@@ -47,7 +47,7 @@ class StartRegion:
         low, high = self.heading
         turn = 2 * math.pi + 1e-9
         if not (abs(low) <= turn and high - low <= turn):
-            raise PlanError(f"start.heading: [{low:g}, {high:g}] is no part of a turn, in rad")
+            raise PlanError(f"start.heading: [{low:g}, {high:g}] is not part of a turn, in rad")
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Area:
     margin : float
         Distance kept from all of them [m].
     start : StartRegion
-        Where a maneuver may begin.
+        Range of start poses.
     frame : str
         Frame of all coordinates.
     datum : (float, float) or None
@@ -73,7 +73,8 @@ class Area:
     Raises
     ------
     PlanError
-        A polygon that is none, a negative margin, a start outside, or a datum that is no place.
+        If a polygon is not valid, the margin negative, a start outside, or the datum not a place on
+        earth.
     """
 
     keep_in: FloatArray
@@ -101,7 +102,7 @@ class Area:
         self._check_start()
 
     def _check_start(self) -> None:
-        """Refuse a start region of which nothing is on the ground."""
+        """Refuse a start region that lies wholly outside the ground."""
         import shapely  # only who reads an area needs it
 
         spans = np.array([self.start.x, self.start.y])
@@ -127,7 +128,7 @@ class Area:
         Parameters
         ----------
         points : ndarray of float, shape (..., 2)
-            In the area's frame [m].
+            Points in the area's frame [m].
 
         Returns
         -------
@@ -220,8 +221,9 @@ def load_area(path: Path) -> Area:
         ("", _KEYS, document),
         ("start.", _START_KEYS, document.get("start")),
     ):
-        if isinstance(values, dict) and (unknown := [key for key in values if key not in allowed]):
-            raise PlanError(f"{where}: {name}{unknown[0]}: is no key; there are {_listed(allowed)}")
+        for key in values if isinstance(values, dict) else ():
+            if key not in allowed:
+                raise PlanError(f"{where}: {name}{key}: is not a key; {hint(key, allowed)}")
     file = decode(
         _File, {key: document[key] for key in document if key != "about"}, where, PlanError
     )

@@ -28,13 +28,13 @@ CREEP = 0.05
 """Speed below which a localisation's noise tells no direction [m/s]: the command does."""
 
 SPACING = 0.25
-"""Between the poses on a stop [m]; from tick to tick they move by far less."""
+"""Distance between the poses that are checked on a stop [m]; a tick moves them by far less."""
 
 ARC_SPACING = 0.25
-"""Between the ends of the arcs that are looked at while the wheels turn [m]."""
+"""Distance between the ends of the arcs that are checked while the wheels turn [m]."""
 
 MAX_ARCS = 16
-"""Of them, whatever their ends' distance."""
+"""Largest number of these arcs, whatever the distance of their ends."""
 
 
 @dataclass(frozen=True)
@@ -44,20 +44,20 @@ class Fence:
     Attributes
     ----------
     frame : str
-        Of ground and start.
+        Frame in which ground and start are given.
     ground : sequence of ndarray of float, each of shape (n, 2)
         Outlines and holes of where the footprint may be [m].
     footprint : ndarray of float, shape (m, 2)
         Corners in the body frame [m].
     curvature : ndarray of float, shape (c,)
-        Of the path at each command, without slip, left positive [1/m].
+        Curvature of the path at each command, without slip, left positive [1/m].
     start : (float, float, float)
         Planned pose of `base_link` [m, m, rad].
 
     Raises
     ------
     PlanError
-        A polygon or a number that is none.
+        If a polygon has fewer than three finite corners, or a number is not finite.
     """
 
     frame: str
@@ -99,18 +99,18 @@ class Fence:
         )
 
     def trespass(self, state: PlanarState, *, age: float, curvature: float, push: float) -> str:
-        """Return where a stop would leave the ground; empty where it does not.
+        """Return where a stop would leave the ground; empty if it would not.
 
         Parameters
         ----------
         state : PlanarState
-            Of the vehicle.
+            Pose and motion of the vehicle.
         age : float
-            Time since it was measured [s]; the vehicle has gone on meanwhile.
+            Time since that was measured [s]; the vehicle has moved on meanwhile.
         curvature : float
-            Of the path that the commands lead to, without slip [1/m].
+            Curvature without slip to which the commands lead, left positive [1/m].
         push : float
-            Positive, negative, 0: forwards, backwards or not at all by the commands; it counts
+            Sign of the commanded drive: positive forwards, negative backwards, 0 none; it counts
             where the vehicle creeps.
         """
         if state.frame != self.frame:

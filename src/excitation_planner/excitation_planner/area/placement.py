@@ -1,4 +1,4 @@
-"""Where on an area a maneuver begins, so that its tube keeps the largest distance to the border.
+"""Start pose of a maneuver on an area at which its tube keeps the largest distance to the border.
 
 p: poses tried, t: points of the tube's outline.
 """
@@ -22,10 +22,10 @@ from tricycle_core.quantities import FloatArray
 Pieces = TypeVar("Pieces", shapely.Polygon, NDArray[np.object_])
 
 HEADINGS = 24
-"""Of a whole turn, tried first."""
+"""Headings of a whole turn that are tried first."""
 
 PLACES = 12
-"""Along each side of the area's bounds, tried first at each heading."""
+"""Places along each side of the area's bounds that are tried first at each heading."""
 
 CANDIDATES = 60
 """Poses of these that are looked at closely: the best by the corners of the tube's hull alone."""
@@ -34,13 +34,13 @@ STARTS = 4
 """Poses of these from which the search goes on, by ever smaller random steps."""
 
 ROUNDS, STEPS = 9, 24
-"""Of that search, and poses tried in each from each start."""
+"""Rounds of that search, and poses tried in each from each start."""
 
 SPACING = 0.5
-"""Between points of outlines at which distances are looked at [m]."""
+"""Distance between the points of outlines at which distances are computed [m]."""
 
 ROUGH, FINE = 0.3, 0.05
-"""By which a tube is simplified for the first poses, and for the others [m]."""
+"""Tolerances by which a tube is simplified for the first poses, and for the others [m]."""
 
 
 @dataclass(frozen=True)
@@ -61,19 +61,15 @@ class Placement:
     clearance: float
 
 
-def best_placement(
-    tube: shapely.Polygon, area: Area, *, seed: int = 0, enough: float = math.inf
-) -> Placement:
+def best_placement(tube: shapely.Polygon, area: Area, *, enough: float = math.inf) -> Placement:
     """Return the start pose at which a tube keeps the largest distance.
 
     Parameters
     ----------
     tube : shapely.Polygon or shapely.MultiPolygon
-        Of the maneuver, from its start pose.
+        Tube of the maneuver, seen from its start pose.
     area : Area
-        With the region of start poses.
-    seed : int
-        Of the search.
+        Area, with the region of start poses.
     enough : float
         Distance at which the search ends [m].
     """
@@ -82,7 +78,7 @@ def best_placement(
     convex = bool(bounds.convex_hull.area < bounds.area + 1e-9)
     rough = _Sampled.of(shapely.simplify(tube, ROUGH), area, by_hull=True)
     fine = _Sampled.of(shapely.simplify(tube, FINE), area, by_hull=convex)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)  # the same pose for the same tube
     low, high, around = _limits(area)
     poses = rough.best(_grid(low, high, around), CANDIDATES)
     found = fine.clearance(poses)
@@ -108,19 +104,19 @@ def best_placement(
 
 
 def clearance_of(pieces: NDArray[np.object_], area: Area) -> float:
-    """Return the distance between polygons and what bounds an area [m].
+    """Return the smallest distance of polygons to the border and the keep-outs of an area [m].
 
     Parameters
     ----------
     pieces : ndarray of shapely.Polygon, shape (n,)
-        In the area's frame.
+        Polygons in the area's frame.
     area : Area
-        The ground.
+        Area whose keep_in and keep_out count.
 
     Returns
     -------
     clearance : float
-        Minus infinity where one reaches out.
+        Smallest distance [m]; minus infinity if a polygon is not wholly on the ground.
     """
     bounds = shapely.Polygon(area.keep_in)
     obstacles = np.array([shapely.Polygon(corners) for corners in area.keep_out], dtype=object)
@@ -137,9 +133,9 @@ def at_pose(tube: Pieces, x: float, y: float, heading: float) -> Pieces:
     Parameters
     ----------
     tube : shapely.Polygon, or ndarray of them
-        From its start pose.
+        Tube, seen from its start pose.
     x, y, heading : float
-        Start pose [m, m, rad].
+        Start pose in the area's frame [m, m, rad].
     """
     return shapely.transform(tube, lambda points: placed(points, x, y, heading))
 
@@ -185,7 +181,7 @@ class _Sampled:
         return cls(area, outline, rings, np.concatenate([np.empty((0, 2)), *obstacles]))
 
     def best(self, poses: FloatArray, count: int) -> FloatArray:
-        """Of poses (p, 3) those with the largest clearance."""
+        """Return those of the poses (p, 3) with the largest clearance."""
         # obstacles, which take most of the time, only lower what the border leaves
         border = _least_depth(self.outline, poses, (self.area.keep_in,))
         order = _best(border, len(poses))

@@ -26,7 +26,7 @@ def signed_distance(points: FloatArray, rings: Rings) -> FloatArray:
     Parameters
     ----------
     points : ndarray of float, shape (..., 2)
-        Points [m].
+        Points, x and y [m].
     rings : sequence of ndarray of float, each of shape (n, 2)
         Outline and holes [m].
 
@@ -52,7 +52,7 @@ def contains(points: FloatArray, rings: Rings) -> NDArray[np.bool_]:
     Parameters
     ----------
     points : ndarray of float, shape (..., 2)
-        Points [m].
+        Points, x and y [m].
     rings : sequence of ndarray of float, each of shape (n, 2)
         Outlines and holes [m].
 
@@ -90,14 +90,14 @@ def placed(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -
     Parameters
     ----------
     points : ndarray of float, shape (m, 2)
-        In the body frame [m].
+        Points in the body frame [m].
     x, y, heading : float or ndarray of float, shape (...)
         Poses of the body [m, m, rad].
 
     Returns
     -------
     points : ndarray of float, shape (..., m, 2)
-        In the frame of the poses [m].
+        Points in the frame of the poses [m].
     """
     c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
     px, py = points.T
@@ -111,14 +111,14 @@ def seen_from(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike
     Parameters
     ----------
     points : ndarray of float, shape (m, 2)
-        In the frame of the poses [m].
+        Points in the frame of the poses [m].
     x, y, heading : float or ndarray of float, shape (...)
         Poses of the body [m, m, rad].
 
     Returns
     -------
     points : ndarray of float, shape (..., m, 2)
-        In the body frame [m].
+        Points in the body frame [m].
     """
     c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
     px, py = points.T
@@ -132,7 +132,7 @@ def rings_of(polygon: shapely.Polygon) -> tuple[FloatArray, ...]:
     Parameters
     ----------
     polygon : shapely.Polygon
-        Simple.
+        Polygon without self-intersections.
     """
     rings = (polygon.exterior, *polygon.interiors)
     return tuple(np.asarray(ring.coords)[:-1] for ring in rings)

@@ -17,7 +17,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
 DIRECTION_NOISE = 0.05
-"""By which the noisy direction of a slow vehicle moves the stop that the fence expects [m]."""
+"""Distance by which a slow vehicle's noisy direction moves the stop that the fence expects [m]."""
 
 
 ALLOWANCE = 0.3
@@ -37,9 +37,9 @@ class Fit:
     placement : Placement
         Start pose with the largest clearance.
     drive, whole : shapely.Polygon
-        Of the maneuver's `Tube`, in the area's frame.
+        The parts `drive` and `whole` of the maneuver's `Tube`, in the area's frame.
     needed : float
-        Clearance that is asked for [m].
+        Clearance that is required [m].
     """
 
     placement: Placement
@@ -49,18 +49,18 @@ class Fit:
 
     @property
     def shortage(self) -> float:
-        """By how much the border is too close [m]; negative: what is left over."""
+        """Clearance that is lacking [m]; negative: clearance to spare."""
         return self.needed - self.placement.clearance
 
 
 @dataclass(frozen=True)
 class Room:
-    """What a maneuver has to fit.
+    """Area with the vehicle's footprint and position noise: what a maneuver must fit.
 
     Attributes
     ----------
     area : Area
-        The ground.
+        Ground, with its margin and start poses.
     footprint : ndarray of float, shape (m, 2)
         Corners of the vehicle in its body frame [m].
     position_std : float
@@ -73,7 +73,7 @@ class Room:
 
     @property
     def needed(self) -> float:
-        """Distance between a tube and the border that is asked for [m]."""
+        """Required distance between a tube and the border [m]."""
         return (
             self.area.margin + 3.0 * self.position_std + START_POSITION_TOLERANCE + DIRECTION_NOISE
         )
@@ -84,9 +84,9 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
 
         Raises
         ------
@@ -116,9 +116,9 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
 
         Raises
         ------
@@ -134,9 +134,9 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
         place : Placement
             Start pose that is tried first, from `roughly_placed`.
 
@@ -159,14 +159,14 @@ class Room:
         Parameters
         ----------
         vehicle : Vehicle
-            With the ranges of its unknown parameters.
+            Vehicle with the ranges of its unknown parameters.
         commands : Commands
-            Of the maneuver.
+            Commands of the maneuver.
 
         Raises
         ------
         DoesNotFit
-            How much is lacking, `fit` says.
+            If the clearance is too small; `fit` returns by how much.
         InfeasibleManeuver
             If a vehicle of the ranges rolls over.
         """

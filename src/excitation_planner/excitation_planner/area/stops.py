@@ -16,7 +16,7 @@ def longest_stop(speed: FloatArray) -> FloatArray:
     Parameters
     ----------
     speed : ndarray of float
-        At its beginning [m/s].
+        Speed at the beginning of the stop [m/s].
     """
     longest: FloatArray = np.max([stopping_distance(cause, speed) for cause in Cause], axis=0)
     return longest
@@ -46,7 +46,7 @@ def stopping_path(
     way : float or ndarray of float, shape (...)
         Length of the arc [m].
     curvature : float or ndarray of float, shape (...)
-        Of the arc in the direction of the motion, left positive [1/m].
+        Curvature of the arc in the direction of the motion, left positive [1/m].
     points : int
         Poses on each arc, from its start to its end.
     """

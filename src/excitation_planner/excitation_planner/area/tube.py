@@ -48,16 +48,16 @@ SLOWEST = 0.02
 """Speed below which nothing is to be stopped [m/s]."""
 
 TOLERANCE = 0.01
-"""By which outlines are simplified, outwards [m]."""
+"""Tolerance by which outlines are simplified, outwards [m]."""
 
 BEYOND = 0.05
-"""By which the outline of a rough tube may reach beyond that of the whole one [m]."""
+"""Distance by which the outline of a rough tube may reach beyond that of the whole one [m]."""
 
 WHEEL_WIDTH = 0.1
-"""Of the tyre and what stands out beside it, each side [m]."""
+"""Width on either side of a wheel's middle: half a tyre and what stands out beside it [m]."""
 
 DIRECTIONS, ROUGH_DIRECTIONS = 64, 32
-"""In which the outermost points make a hull: it lacks a centimetre, that of a rough tube some."""
+"""Directions whose outermost points make a hull: it lacks 1 cm, that of a rough tube some cm."""
 
 _TURNS = np.array([-1.0, 0.0, 1.0]) * START_HEADING_TOLERANCE
 
@@ -68,7 +68,7 @@ def footprint_of(vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     vehicle : Vehicle
-        Its body frame is that of the corners.
+        Vehicle; the corners are in its body frame.
     """
     wheels = [vehicle.of(wheel) for wheel in vehicle.wheels]
     front = max(wheel.x + wheel.tyre_radius for wheel in wheels)
@@ -88,8 +88,8 @@ class Tube:
         Covered by the footprint of any of the vehicles in the undisturbed maneuver, piece by piece,
         begun with any heading within `START_HEADING_TOLERANCE`.
     stops : ndarray of shapely.Polygon, shape (s,)
-        Where the vehicles come to rest when they are stopped at any time, and the way there; also
-        when they come to the start backwards.
+        Ground covered by the vehicle in stops from any time, up to where it rests; also when it
+        drives backwards to the start.
     """
 
     drives: NDArray[np.object_]
@@ -97,7 +97,7 @@ class Tube:
 
     @property
     def pieces(self) -> NDArray[np.object_]:
-        """Those of the drives and of the stops."""
+        """Pieces of the drives and of the stops."""
         return np.concatenate([self.drives, self.stops])
 
     @cached_property
@@ -107,7 +107,7 @@ class Tube:
 
     @cached_property
     def whole(self) -> shapely.Polygon:
-        """The same, and that of the stops."""
+        """All ground of the undisturbed maneuver and of the stops."""
         return _outline(self.pieces)
 
 
@@ -117,23 +117,20 @@ def tube_of(
     footprint: FloatArray,
     *,
     rough: bool = False,
-    seed: int = 0,
 ) -> Tube:
     """Return the ground that vehicles of the ranges may cover under the same commands.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     commands : Commands
-        Of the maneuver.
+        Commands of the maneuver.
     footprint : ndarray of float, shape (m, 2)
         Corners in the body frame [m].
     rough : bool
         Whether a part of the tube is enough that takes less time: that of the first `LANES`
         vehicles, at `ROUGH_EVERY` and `ROUGH_STOP_EVERY`.
-    seed : int
-        Of the vehicles drawn.
 
     Raises
     ------
@@ -142,7 +139,7 @@ def tube_of(
     """
     batch = CommandedBatch(vehicle, commands)
     # eight vehicles take as long as one
-    drawn = _vehicles(vehicle, seed)[: LANES if rough else None]
+    drawn = _vehicles(vehicle)[: LANES if rough else None]
     # the last tick has to be among those recorded
     every = math.gcd(len(batch.time) - 1, round(EVERY / TICK), round(STOP_EVERY / TICK))
     run = batch.run(drawn, ("x", "y", "yaw", "vx", "vy", "yaw_rate"), every=every)
@@ -185,13 +182,13 @@ def tube_of(
     return Tube(_hulls(poses[:, :-1], poses[:, 1:]), np.append(stops, back))
 
 
-def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
+def _vehicles(vehicle: Vehicle) -> FloatArray:
     """Values (n, k) of the unknown parameters: the nominal ones, and draws from the ranges."""
     nominal = vehicle.nominal_point()[None]
     if not vehicle.unknown:
         return nominal
     low, high = np.array(list(vehicle.unknown.values())).T
-    U = sobol_sequence(VEHICLES, len(low), seed=seed)
+    U = sobol_sequence(VEHICLES, len(low), seed=0)
     U[::2] = U[::2] > 0.5  # corners of the ranges: there the paths differ most
     return np.vstack([nominal, low + U * (high - low)])
 
@@ -202,9 +199,9 @@ def crawl_curvature(vehicle: Vehicle, angle: FloatArray) -> FloatArray:
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of steering.
+        Vehicle with its steering linkage.
     angle : ndarray of float
-        Of the steering motor [rad].
+        Steering motor angle [rad], left positive.
     """
     return np.interp(angle, *_curvatures(vehicle))
 
@@ -241,7 +238,7 @@ def _directions(count: int) -> FloatArray:
 
 
 def _outermost(points: FloatArray, directions: FloatArray) -> FloatArray:
-    """Of points (..., n, 2) the farthest in each direction (d, 2): (..., d, 2)."""
+    """Return the farthest of points (..., n, 2) in each direction (d, 2): (..., d, 2)."""
     sets = points.reshape(-1, *points.shape[-2:])
     together = max(1, CACHED // (len(directions) * sets.shape[1]))
     far = np.concatenate([

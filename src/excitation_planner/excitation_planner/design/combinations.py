@@ -1,4 +1,4 @@
-"""Where the search of a set of maneuvers begins: the best combinations of single ones.
+"""Start points of the search for a set of maneuvers: the best combinations of single ones.
 
 The information of drives adds up. A few maneuvers of each family, simulated alone, therefore judge
 all their combinations without further simulations.
@@ -56,26 +56,26 @@ def best_combinations(
     unknown : Box
         Ranges of the unknown parameters.
     noise : TrajectoryNoise
-        Of the measurement.
+        Noise of the measurement.
     criterion : Criterion
-        C, D or A.
+        Criterion: C, D or A.
     target : int or None
-        Axis of the target, for C.
+        Index of the parameter to excite, for C.
     draws : int
-        Parameter values over which the criterion is averaged.
+        Number of parameter values over which the criterion is averaged.
     seed : int
-        Of the draws and of the maneuvers.
+        Seed of the draws and of the maneuvers tried.
     prior : BoxPrior, optional
-        What is known before; None: uniform.
+        Knowledge of the parameters before the drive; None: uniform.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
 
     Returns
     -------
     points : ndarray of float, shape (s, l)
-        In the unit box of the set; none where a family has no maneuver that can be driven.
+        Combinations, in the unit box of the set; none if no maneuver of one family can be driven.
     simulations : int
-        That it took.
+        Number of simulations that this took.
     """
     k = len(unknown)
     U = difference_points(k, draws, seed=seed, prior=prior, beside=beside)

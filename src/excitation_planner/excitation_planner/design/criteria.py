@@ -9,7 +9,7 @@ from tricycle_core.quantities import FloatArray
 
 
 class Criterion(Choice):
-    """What a design minimises."""
+    """Quantity that a design minimises."""
 
     H = "h"  # cost of exciting the target (Eq. 11), from the Sobol' indices of a scalar output
     C = "c"  # expected posterior variance of the target, from the information of trajectories

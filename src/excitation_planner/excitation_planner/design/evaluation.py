@@ -83,20 +83,20 @@ _ONE_AT_A_TIME = threading.Lock()
 def judge_outcome(
     problem: DesignProblem, x: FloatArray, U: FloatArray, outcome: Outcome, *, verification: bool
 ) -> Verified:
-    """Return indices and cost from what f gave at one maneuver.
+    """Return indices and cost from the result of f at one maneuver.
 
     Parameters
     ----------
     problem : DesignProblem
-        What is evaluated.
+        Design problem of the maneuvers.
     x : ndarray of float, shape (l,)
         Operation parameters.
     U : ndarray of float, shape (n, k + e)
-        From `parameter_points`: where f was simulated.
+        Points from `parameter_points` at which f was simulated, in the unit box.
     outcome : tuple or str
-        What f gave there.
+        Result of f there, or why the maneuver is infeasible.
     verification : bool
-        Whether the samples were those of the verification.
+        Whether the samples are those of the verification.
     """
     if isinstance(outcome, str):
         return _rejected(problem, x, outcome, simulations=0, failed=0)
@@ -112,13 +112,13 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
     Parameters
     ----------
     f : callable
-        Simulator.
+        Simulator f(x, P).
     problem : DesignProblem
-        Has the boxes and the criterion, which decides the shape of outputs.
+        Design problem: the boxes, and the criterion, which decides the shape of the outputs.
     x : ndarray of float, shape (l,)
         Operation parameters.
     U : ndarray of float, shape (n, k + e)
-        Parameters in the unit box, and what is beside them.
+        Parameters in the unit box, followed by the nuisance parameters.
     """
     try:
         returned = f(x.copy(), simulated_values(problem.unknown, U))
@@ -153,12 +153,12 @@ def joined(chunks: Sequence[Outcome]) -> Outcome:
     Parameters
     ----------
     chunks : sequence of Outcome
-        What f gave at some of them each, in their order.
+        Results of f at consecutive parts of the samples.
 
     Raises
     ------
     DesignError
-        Trajectories of different shapes.
+        If trajectories have different shapes.
     """
     reasons = [chunk for chunk in chunks if isinstance(chunk, str)]
     if reasons:

@@ -47,7 +47,7 @@ from tricycle_core.quantities import FloatArray, Progress
 
 
 class Verdict(StrEnum):
-    """What a design is worth."""
+    """Whether a design excites its target."""
 
     EXCITES = "excites"  # the target contributes most to the output, or is learnt
     CANNOT_EXCITE = "cannot excite"  # it does not, even at the best maneuver of the family
@@ -65,7 +65,7 @@ class Design:
     target : str or None
         Unknown parameter to excite.
     criterion : Criterion
-        What was minimised.
+        Criterion that was minimised.
     x : ndarray of float, shape (l,)
         Operation parameters of the maneuver.
     cost : float
@@ -73,7 +73,7 @@ class Design:
     cost_interval : (float, float)
         95 % interval of `cost`.
     predicted_cost : float
-        What the search had found at x with fewer, other samples.
+        Criterion at x as found by the search, with fewer and other samples.
     posterior_std : ndarray (k,)
         Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
     verdict : Verdict
@@ -83,9 +83,9 @@ class Design:
     history : tuple of Evaluation
         Everything the search evaluated, in order.
     simulations, failed : int
-        Runs of f in all, verification included, and those of them that failed (NaN).
+        Number of runs of f, verification included, and how many of them failed (NaN).
     verification : Sensitivity or callable
-        Indices at x, from fresh samples, or what finds them; `sensitivity` returns them.
+        Indices at x from fresh samples, or a function that computes them; see `sensitivity`.
     """
 
     operation: Box
@@ -138,7 +138,7 @@ class Design:
         Returns
         -------
         axes : matplotlib.axes.Axes
-            Drawn on.
+            Axes that are drawn on.
 
         Raises
         ------
@@ -237,19 +237,19 @@ def design_excitation(
     target : str or None
         Name of the unknown parameter to excite; the criteria D and A need none.
     criterion : Criterion or str
-        What is minimised: ``"h"``, the paper's, ``"c"``, ``"d"`` or ``"a"``.
+        Criterion that is minimised: ``"h"``, the paper's, ``"c"``, ``"d"`` or ``"a"``.
     noise_variance : float or callable
         For H: variance V_n of the output's measurement noise, or that variance as a function of
         the outputs (n,) at one x, e.g. `TrajectoryErrorNoise`; 0 is the paper's cost.
     trajectory_noise : TrajectoryNoise
-        For C, D and A.
+        For C, D and A: noise of the trajectory.
     samples : int
         Runs of f per maneuver during the search for H; its verification takes three times as many.
     prior : BoxPrior, optional
-        For C, D and A: what earlier drives have taught; None: uniform.
+        For C, D and A: knowledge from earlier drives; None: uniform.
     beside : BesideParameters
-        For C, D and A: e inputs that f takes after the k parameters, which are not known either and
-        not to be learnt.
+        For C, D and A: the e inputs that f takes after the k parameters, which are uncertain but
+        not of interest (nuisance parameters).
     draws : int
         For C, D and A: parameter values over which the criterion is averaged, k + e + 1 runs each.
     budget : int
@@ -259,8 +259,8 @@ def design_excitation(
     search : Search or str
         How the operation box is searched.
     executor : Executor, optional
-        Where f runs; by default in processes of this machine, made and ended by this call. They
-        get f by value: it may be defined in a notebook or in a script.
+        Executor in which f runs; by default processes of this machine, made and ended by this call.
+        They get f by value: it may be defined in a notebook or in a script.
     workers : int, optional
         Number of those processes, by default one per core; 1 runs everything in this process.
     chunk : int, optional
@@ -280,9 +280,9 @@ def design_excitation(
     Raises
     ------
     DesignError
-        Unknown target, criterion or search, budget too small, f that raises or cannot be sent to
-        another process, workers that die or hang again and again or have another version, no
-        maneuver of the family that can be driven and judged, a store of another design.
+        If target, criterion or search is unknown, the budget too small, f raises or cannot be sent
+        to another process, workers die or hang again and again or have another version, no maneuver
+        of the family can be driven and judged, or the store is of another design.
     """
     problem = DesignProblem(
         operation=Box.of(operation),
@@ -330,14 +330,14 @@ def search_design(
     evaluate_all: Callable[[list[FloatArray], bool], list[Verified]],
     starts: FloatArray | None = None,
 ) -> Design:
-    """Search, verify and judge.
+    """Search a maneuver, verify it on fresh samples, and give the verdict.
 
     Parameters
     ----------
     problem : DesignProblem
-        What is designed.
+        Design problem to be solved.
     evaluate_all : callable
-        Evaluates points x (l,); called with them and with whether to verify.
+        Evaluates points x (l,); its second argument says whether to verify.
     starts : ndarray of float, shape (n, l), optional
         Points of the unit box that an adaptive search begins with.
     """

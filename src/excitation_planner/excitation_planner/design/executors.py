@@ -42,15 +42,15 @@ class _Job:
     verification : bool
         Whether the samples are those of the verification.
     samples : range
-        Those to simulate.
+        Numbers of the samples to simulate.
     U : ndarray of float, shape (q, k + e)
-        Their parameters in the unit box; those of all samples where it is judged.
+        Parameters of those samples in the unit box; of all samples if the job evaluates them.
     outcome : tuple or str, optional
-        What f gave at all samples; None: to be simulated.
+        Result of f at all samples; None: still to be simulated.
     judged : bool
-        Whether indices and cost are wanted.
+        Whether indices and cost are computed.
     sent_back : bool
-        Whether the outcome is wanted.
+        Whether the outcome is returned.
     """
 
     maneuver: int
@@ -78,20 +78,20 @@ def _work(f: Simulator, problem: DesignProblem, job: _Job) -> _Result:
 
 
 class Evaluations:
-    """Evaluates maneuvers by jobs; what is known is not simulated again.
+    """Evaluates maneuvers by jobs; simulations in the store are not run again.
 
     Parameters
     ----------
     jobs : Jobs
-        Where they are done.
+        Runs the jobs.
     problem : DesignProblem
-        What is evaluated.
+        Design problem of the maneuvers.
     chunk : int or None
-        Simulations of one job; None: all of a maneuver.
+        Simulations per job; None: all of a maneuver.
     store : Store, optional
-        Keeps every simulation; what it has is not run again.
+        Keeps every simulation; those it has are not run again.
     progress : callable, optional
-        Called with the simulations of all maneuvers so far.
+        Called with the number of simulations of all maneuvers so far.
     """
 
     def __init__(
@@ -171,33 +171,34 @@ def evaluations(
     store: Store | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Evaluations]:
-    """Give a function that evaluates maneuvers.
+    """Give, for a block, a function that evaluates maneuvers.
 
     Without an executor, processes of this machine run them.
 
     Parameters
     ----------
     f : callable
-        Simulator.
+        Simulator f(x, P).
     problem : DesignProblem
-        What is evaluated.
+        Design problem of the maneuvers.
     executor : Executor, optional
-        Where jobs run.
+        Executor that runs the jobs.
     workers : int, optional
         Number of processes; 1 runs everything in this process.
     chunk : int, optional
-        Simulations of one job; by default all of a maneuver.
+        Simulations per job; by default all of a maneuver.
     timeout : float, optional
         Time without any result [s] after which jobs are given to other workers.
     store : Store, optional
-        Keeps every simulation; what it has is not run again.
+        Keeps every simulation; those it has are not run again.
     progress : callable, optional
-        Called with the simulations so far.
+        Called with the number of simulations so far.
 
     Raises
     ------
     DesignError
-        A chunk, timeout or number of workers that is not positive; f that cannot be sent.
+        If a chunk, timeout or number of workers is not positive, or f cannot be sent to another
+        process.
     """
     for name, number in (("chunk", chunk), ("workers", workers)):
         if number is not None and number < 1:

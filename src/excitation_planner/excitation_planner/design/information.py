@@ -50,11 +50,11 @@ def difference_points(
     draws : int
         Number of draws.
     seed : int
-        Of the draws.
+        Seed of the draws.
     prior : BoxPrior, optional
-        Drawn from; None: uniform.
+        Distribution that is drawn from; None: uniform.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
     """
     base = sobol_sequence(draws, k, seed=seed)
     if prior is not None:
@@ -102,13 +102,13 @@ def information(
     Parameters
     ----------
     U : ndarray of float, shape (draws (k + e + 1), k + e)
-        From `difference_points`.
+        Points from `difference_points`.
     Y : ndarray of float, shape (draws (k + e + 1), t, c)
-        Trajectories there.
+        Trajectories at these points.
     noise : TrajectoryNoise
-        Of the measurement.
+        Noise of the measurement.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
     """
     axes = U.shape[1]
     k = axes - beside.own  # of which the information is returned
@@ -209,9 +209,9 @@ def posterior_covariance(
     F : ndarray of float, shape (draws, k + s, k + s)
         Information in the drives, of each the same draws.
     prior : BoxPrior, optional
-        What was known before; None: uniform.
+        Knowledge of the parameters before the drive; None: uniform.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
     """
     k = F.shape[-1] - beside.shared
     known = np.eye(F.shape[-1])
@@ -239,9 +239,9 @@ def information_costs(
     covariance : ndarray of float, shape (draws, k, k)
         Posterior covariances.
     criterion : Criterion
-        C, D or A.
+        Criterion: C, D or A.
     target : int or None
-        Axis of the target, for C.
+        Index of the parameter to excite, for C.
     """
     if criterion is Criterion.C:
         costs: FloatArray = covariance[:, target, target]
@@ -259,9 +259,10 @@ class ManeuverSet:
     Attributes
     ----------
     simulators : tuple of callable
-        Of each maneuver: x (l_i,), P (n, k) to a trajectory (n, t_i, c).
+        Simulator of each maneuver, from x (l_i,) and P (n, k) to trajectories (n, t_i, c).
     operations : tuple of Box
-        Of each maneuver. In `operation` their names are numbered: ``1.radius``, ``2.d1``.
+        Operation box of each maneuver. In `operation` their names are numbered: ``1.radius``,
+        ``2.d1``.
     """
 
     simulators: tuple[Callable[[FloatArray, FloatArray], FloatArray], ...]

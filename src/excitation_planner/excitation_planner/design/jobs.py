@@ -261,7 +261,7 @@ _Returned = tuple[Sequence[JobT], int, Future[_Done[ResultT]]]
 
 
 def _workers_of(executor: Executor) -> int:
-    """Return how many workers an executor has; 0: it does not tell, or they are threads."""
+    """Return the number of workers of an executor; 0 if unknown, or if they are threads."""
     if isinstance(executor, ThreadPoolExecutor):
         return 0  # to which nothing is sent
     if _is_of_dask(executor):
@@ -324,7 +324,7 @@ def do(
     work : bytes or callable
         Function of a job, as bytes by cloudpickle.
     jobs : sequence of object
-        For it, one after the other.
+        Jobs that are done one after the other.
     sent : int
         Differs between copies of jobs, which dask would otherwise take for one.
 

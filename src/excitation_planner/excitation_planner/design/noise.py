@@ -17,7 +17,7 @@ STANDSTILL = 1.0
 """Time before the start that identification uses, too [s]: it tells start pose and gyro bias."""
 
 GYRO_BIAS_STD = 0.02
-"""Of a gyro's constant offset [rad/s]: the prior with which identification estimates it."""
+"""Standard deviation of a gyro's constant offset [rad/s]: identification's prior of it."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class TrajectoryErrorNoise:
     Raises
     ------
     DesignError
-        A negative or infinite deviation, or no point.
+        If the deviation is negative or infinite, or `points` less than 1.
     """
 
     std: float
@@ -54,7 +54,7 @@ class TrajectoryErrorNoise:
 
 @dataclass(frozen=True)
 class TrajectoryNoise:
-    """What is unknown about a measured trajectory besides the parameters of the vehicle.
+    """Noise of a measured trajectory, and its further unknowns: start pose, clocks, offsets.
 
     Attributes
     ----------
@@ -65,13 +65,13 @@ class TrajectoryNoise:
     period : float
         Time between trajectory points [s].
     start_position_std, start_heading_std : float
-        Uncertainty of the start pose [m per axis, rad]; 0: known exactly. Channels 0 and 1 are
-        then x and y [m].
+        Standard deviation of the start pose [m per axis, rad]; 0: known exactly. Channels 0 and 1
+        are then x and y [m].
     heading_channel : int, optional
         Channel that is the heading [rad] and turns with the start pose.
     delay_std : float
-        Uncertainty of the clock of the start pose's channels, and of that of each further channel,
-        relative to the maneuver's [s]; 0: exact.
+        Standard deviation of the clock offset of the start pose's channels, and of each further
+        channel, relative to the maneuver's clock [s]; 0: exact.
     bias_std : float or tuple of float
         Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
         One for all of them, or one each.
@@ -79,7 +79,7 @@ class TrajectoryNoise:
     Raises
     ------
     DesignError
-        A standard deviation or time that is impossible.
+        If a standard deviation or time is impossible.
     """
 
     std: float | tuple[float, ...] = 0.01
@@ -116,7 +116,7 @@ class TrajectoryNoise:
         Raises
         ------
         DesignError
-            Naming what does not fit.
+            If the noise does not fit the channels; the message says what.
         """
         posed = {0, 1} | ({self.heading_channel} - {None})
         start = self.start_position_std > 0 or self.start_heading_std > 0
@@ -153,7 +153,7 @@ NOISE_FIELDS = {
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """How a drive is measured: what a plan assumes about its sensors and the start pose.
+    """Noise of a drive's measurement: what a plan assumes about the sensors and the start pose.
 
     Attributes
     ----------
@@ -162,25 +162,26 @@ class MeasurementNoise:
     heading_std : float
         White noise of the measured heading [rad]; 0: it is not measured.
     pose_rate : float
-        Of position and heading [Hz].
+        Sampling rate of position and heading [Hz].
     yaw_rate_std : float
         White noise of a yaw-rate gyro [rad/s]; 0: there is none.
     gyro_rate : float
-        Of the gyro [Hz].
+        Sampling rate of the gyro [Hz].
     wheel_speed_std : float
         White noise of the rear wheel's speed [rad/s]; 0: it is not measured.
     wheel_rate : float
-        Of the wheel speed [Hz]. Identification counts rounded readings of a second as one.
+        Sampling rate of the wheel speed [Hz]. Identification counts rounded readings of a second as
+        one.
     drift_std, drift_time : float
         Standard deviation [m] and correlation time [s] of a slow drift of the position.
     start_position_std, start_heading_std : float
-        Uncertainty of the start pose [m per axis, rad]. A design for a start pose that is known
-        exactly (0) is a poor one when it is not.
+        Standard deviation of the start pose [m per axis, rad]. A design for a start pose that is
+        known exactly (0) is a poor one when it is not.
 
     Raises
     ------
     PlanError
-        A deviation that is not from 0 to 10, or a correlation time or rate that is not above 0.
+        If a deviation is not from 0 to 10, or a correlation time or rate not above 0.
     """
 
     noise_std: float = 0.01
@@ -211,7 +212,7 @@ class MeasurementNoise:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What is measured, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
+        """Measured channels, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
         measured = {
             "yaw": self.heading_std,
             "yaw_rate": self.yaw_rate_std,
@@ -276,7 +277,7 @@ SIMULATED = MeasurementNoise(
     wheel_speed_std=0.001,
     wheel_rate=1.0,
 )
-"""What the simulation measures unless its parameters are set.
+"""Measurement noise of the simulation unless its parameters are set.
 
 `joint_states` come at 100 Hz, rounded to 1 mm/s; identification counts those of a second as one.
 """

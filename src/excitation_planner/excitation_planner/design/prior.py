@@ -19,21 +19,21 @@ SHOWN = 0.5
 
 @dataclass(frozen=True)
 class BesideParameters:
-    """Inputs of a simulator after its parameters: not known either, and not to be learnt.
+    """Nuisance parameters: uncertain inputs after the parameters that are not of interest.
 
     They are normally distributed with mean 0 and standard deviation 1.
 
     Attributes
     ----------
     steps : tuple of float
-        Of the finite differences by each of them.
+        Finite-difference step of each nuisance parameter.
     own : int
-        How many of them, the last ones, each maneuver of a set has its own of.
+        Number of them, the last ones, that have another value in each maneuver of a set.
 
     Raises
     ------
     DesignError
-        A step that is zero or infinite, more own ones than there are.
+        If a step is zero or not finite, or `own` exceeds their number.
     """
 
     steps: tuple[float, ...] = ()
@@ -47,7 +47,7 @@ class BesideParameters:
 
     @property
     def shared(self) -> int:
-        """How many of them all maneuvers of a set have in common."""
+        """Number of them that have the same value in all maneuvers of a set."""
         return len(self.steps) - self.own
 
 
@@ -61,14 +61,14 @@ class BoxPrior:
     Attributes
     ----------
     mean : ndarray of float, shape (k,)
-        In the unit box.
+        Mean in the unit box.
     covariance : ndarray of float, shape (k, k)
-        In squared ranges.
+        Covariance in squared ranges.
 
     Raises
     ------
     DesignError
-        Shapes that do not fit, or a covariance that is none.
+        If shapes do not fit, or the matrix is not a covariance.
     """
 
     mean: FloatArray

@@ -31,7 +31,7 @@ Simulator = Callable[[FloatArray, FloatArray], Trajectories]
 """f of x (l,) and P (n, k + e): outputs (n,), or trajectories."""
 
 Outcome = tuple[FloatArray, ...] | str
-"""What f gave at one x: outputs or trajectories of each maneuver; or why it is infeasible."""
+"""Result of f at one x: outputs or trajectories of each maneuver; or why it is infeasible."""
 
 NoiseVariance = float | Callable[[FloatArray], float]
 """V_n, or V_n as a function of the outputs (n,)."""
@@ -44,7 +44,7 @@ VERIFICATION = 3
 
 
 class Search(Choice):
-    """How the second stage looks for the cheapest maneuver."""
+    """Method by which the second stage searches for the cheapest maneuver."""
 
     ADAPTIVE = "adaptive"  # corners and Sobol' points, then trust regions from the best of them
     DIRECT = "direct"  # DIRECT on the cost itself
@@ -67,11 +67,11 @@ class Evaluation:
     posterior_std : ndarray of float, shape (k,)
         Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
     simulations, failed : int
-        Runs of f, and those of them that failed (NaN).
+        Number of runs of f, and how many of them failed (NaN).
     variance, noise_share : float
-        Variance of the output, and that of its noise as a share of it; only for the criterion H.
+        Variance of the output, and the share of it that is noise; only for the criterion H.
     leave_one_out_q2 : float
-        Of the metamodel; only for the criterion H.
+        Leave-one-out Q² of the metamodel; only for the criterion H.
     infeasible : str
         Why the maneuver cannot be driven or judged; empty when it can.
     """
@@ -96,11 +96,11 @@ class Verified:
     Attributes
     ----------
     evaluation : Evaluation
-        On the fresh samples.
+        Evaluation on the fresh samples.
     cost_interval : (float, float)
         95 % interval of its cost.
     sensitivity : Sensitivity, callable or None
-        What finds it, where nothing else needs it; None where the maneuver is infeasible.
+        Sobol' indices, or a function that computes them; None if the maneuver is infeasible.
     """
 
     evaluation: Evaluation
@@ -110,7 +110,7 @@ class Verified:
 
 @dataclass(frozen=True)
 class DesignProblem:
-    """A design to be made: everything but the simulator.
+    """A design problem: everything but the simulator.
 
     Attributes
     ----------
@@ -119,11 +119,11 @@ class DesignProblem:
     target : str or None
         Unknown parameter to excite; the criteria D and A need none.
     criterion : Criterion
-        What is minimised.
+        Criterion that is minimised.
     noise_variance : float or callable
-        For H: V_n.
+        For H: variance V_n that noise gives to the output.
     trajectory_noise : TrajectoryNoise
-        For C, D and A.
+        For C, D and A: noise of the trajectory.
     samples : int
         For H: runs per maneuver during the search.
     draws : int
@@ -135,14 +135,14 @@ class DesignProblem:
     search : Search
         How the operation box is searched.
     prior : BoxPrior, optional
-        For C, D and A; None: uniform.
+        For C, D and A: knowledge of the parameters before the drive; None: uniform.
     beside : BesideParameters
-        For C, D and A: what f takes beside the parameters.
+        For C, D and A: further uncertain inputs of f (nuisance parameters).
 
     Raises
     ------
     DesignError
-        Unknown target, impossible noise, budget too small.
+        If the target is unknown, the noise impossible or the budget too small.
     """
 
     operation: Box
@@ -213,12 +213,12 @@ class DesignProblem:
 
 
 def checked_variance(value: float) -> float:
-    """Return V_n as a float; refuse what is no finite number of 0 or more.
+    """Return V_n as a float; refuse what is not a finite number of 0 or more.
 
     Parameters
     ----------
     value : float
-        V_n.
+        Variance V_n.
     """
     if not isinstance(value, int | float | np.number) or not 0 <= value < math.inf:
         raise DesignError(f"noise variance {value!r}: must be a finite number, 0 or more")

@@ -41,7 +41,7 @@ def adaptive_search(
     criterion: Criterion,
     starts: FloatArray | None = None,
 ) -> SearchSteps:
-    """Search corners and Sobol' points of the unit box, then by COBYQA from the best of them.
+    """Evaluate corners and Sobol' points of the unit box, then search by COBYQA from the best.
 
     Optima often lie on faces, which DIRECT never samples: hence the corners. A local search that
     ends, or comes close to a better one, is replaced by one from the best point far from all.
@@ -49,15 +49,15 @@ def adaptive_search(
     Parameters
     ----------
     dimensions : int
-        l, number of operation parameters.
+        Number l of operation parameters.
     points : int
         Largest number of points.
     seed : int
-        Of the Sobol' points.
+        Seed of the Sobol' points.
     criterion : Criterion
         Decides the scale on which costs are searched.
     starts : ndarray of float, shape (n, l), optional
-        Points that are searched first, instead of corners and Sobol' points.
+        Points that are evaluated first, instead of corners and Sobol' points.
     """
     if starts is None or not len(starts):
         screened = sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)
@@ -232,7 +232,7 @@ class _StoppedError(Exception):
 
 
 class _AskedMinimiser:
-    """Ask and tell around a minimiser that calls its objective.
+    """Ask-and-tell interface to a minimiser that calls its objective.
 
     The minimiser runs in a thread of its own, which sleeps until `tell` gives it the cost.
 

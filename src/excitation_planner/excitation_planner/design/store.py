@@ -59,7 +59,7 @@ from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
 VERSION = 2
-"""Of the description in ``study.json``; 1 had the criterion H alone."""
+"""Version of the description in ``study.json``; 1 had the criterion H alone."""
 
 MAX_BYTES = 256_000_000
 """Largest file that is read; a result takes about 30 bytes."""
@@ -87,36 +87,36 @@ class StudyDocument:
     Attributes
     ----------
     version : int
-        `VERSION`.
+        Version of the format; see `VERSION`.
     operation, unknown : mapping of str to (float, float)
         Ranges by name.
     target : str or None
         Unknown parameter to excite.
     noise_variance : float or TrajectoryErrorNoise
-        V_n, for H.
+        For H: variance V_n that noise gives to the output.
     samples : int
         Runs per maneuver during the search for H.
     budget : int
         Largest number of runs.
     seed : int
-        Of the design.
+        Seed of the design.
     search : Search
         How the operation box is searched.
     criterion : Criterion
-        What is minimised.
+        Criterion that is minimised.
     trajectory_noise : TrajectoryNoise
-        For C, D and A.
+        For C, D and A: noise of the trajectory.
     draws : int
         For C, D and A: parameter values over which the criterion is averaged.
     prior : BoxPrior, optional
-        For C, D and A; None: uniform.
+        For C, D and A: knowledge of the parameters before the drive; None: uniform.
     beside : BesideParameters
-        For C, D and A: what f takes beside the parameters.
+        For C, D and A: further uncertain inputs of f (nuisance parameters).
 
     Raises
     ------
     DesignError
-        A number that is out of range.
+        If a number is out of range.
     """
 
     version: int
@@ -187,19 +187,19 @@ class StudyDocument:
 
 
 class Store:
-    """What is known of a design, on disk; several processes may add to it.
+    """Simulations of a design on disk; several processes may add to it.
 
     Attributes
     ----------
     path : Path
-        Directory.
+        Directory of the study.
     problem : DesignProblem
-        Of the design.
+        Design problem to which the simulations belong.
 
     Raises
     ------
     DesignError
-        Files that are damaged.
+        If files are damaged.
     """
 
     def __init__(self, path: Path, problem: DesignProblem) -> None:
@@ -216,7 +216,7 @@ class Store:
         self.refresh()
 
     def refresh(self) -> None:
-        """Take notice of what other processes have added."""
+        """Read what other processes have added."""
         try:
             self._read()
         except (ValueError, IndexError, csv.Error) as error:
@@ -251,7 +251,7 @@ class Store:
         if self.problem.criterion is Criterion.H:
             return float(output)
         if not _FILE.fullmatch(output):
-            raise ValueError(f"{output!r} is no file of trajectories")
+            raise ValueError(f"{output!r} is not a file of trajectories")
         return output
 
     @classmethod
@@ -266,19 +266,19 @@ class Store:
 
     @classmethod
     def of(cls, path: Path, problem: DesignProblem) -> Self:
-        """Open the store of a problem, or begin it.
+        """Open the store of a problem; create it if there is none.
 
         Parameters
         ----------
         path : Path
-            Directory.
+            Directory of the study.
         problem : DesignProblem
-            Of the design; that of an existing store must be the same.
+            Design problem; an existing store must have the same one.
 
         Raises
         ------
         DesignError
-            A directory with the study of another problem.
+            If the directory holds the study of another problem.
         """
         described = encode(StudyDocument.of(problem))
         if (path / "study.json").exists():
@@ -303,7 +303,7 @@ class Store:
     def recall(
         self, x: FloatArray, samples: range | None = None, *, verification: bool
     ) -> Outcome | None:
-        """Return what f gave at a maneuver, or why it is infeasible; None when some is missing.
+        """Return the result of f at a maneuver, or why it is infeasible; None if some is missing.
 
         Parameters
         ----------
@@ -379,7 +379,7 @@ class Store:
         return [sample for sample in range(self._sizes[verification]) if sample not in known]
 
     def number(self, x: FloatArray, *, verification: bool) -> int:
-        """Return the number of a maneuver, given now if it has none.
+        """Return the number of a maneuver; a new maneuver gets the next one.
 
         Parameters
         ----------
@@ -408,7 +408,7 @@ class Store:
         samples : range
             Numbers of the simulations.
         outcome : tuple or str
-            What f gave there.
+            Result of f there, or why the maneuver is infeasible.
         verification : bool
             Whether the samples are those of the verification.
         """
@@ -436,7 +436,7 @@ class Store:
             Point, sample and output; one that is not finite is a failed simulation. For the
             criteria C, D and A failed ones alone: `add_trajectories` has the others.
         reasons : mapping of int to str
-            By point, why it is infeasible.
+            Why a maneuver is infeasible, by its number.
         """
         with self._adding():
             new: dict[tuple[int, int], float] = {}
@@ -524,7 +524,7 @@ class Store:
             )
 
     def _check_channels(self, channels: Sequence[str] | None) -> None:
-        """Refuse names in another order than those of the first file; some are told without."""
+        """Refuse channel names in another order than in the first file; names may be missing."""
         stored = (output for known in self._outputs.values() for output in known.values())
         first = next((output for output in stored if isinstance(output, str)), None)
         if channels is None or first is None:
@@ -590,7 +590,7 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
     Parameters
     ----------
     rows : iterable
-        Of cells.
+        Rows, each an iterable of cells.
     """
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
@@ -616,7 +616,7 @@ class _Lines:
     path : Path
         File; may be missing.
     header : list of str
-        Its first line.
+        Cells of the first line.
     """
 
     def __init__(self, path: Path, header: list[str]) -> None:

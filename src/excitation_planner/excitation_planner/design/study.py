@@ -1,4 +1,4 @@
-"""The study, a design by ask and tell: for those whose simulator is elsewhere.
+"""The study: a design by ask and tell, for simulators outside of this process.
 
 E.g. in Simulink or on a test track.
 
@@ -61,11 +61,11 @@ class Proposal:
     point : int
         Number of the maneuver.
     samples : tuple of int, length q
-        Numbers of its simulations still to be run.
+        Numbers of the simulations of this maneuver that are still to be run.
     x : ndarray (l,)
         Operation parameters.
     P : ndarray (q, k + e)
-        Unknown parameters, and what is beside them.
+        Unknown parameters, followed by the nuisance parameters.
     """
 
     point: int
@@ -80,7 +80,7 @@ class Study:
     Parameters
     ----------
     store : Store
-        Of the simulations.
+        Store of the simulations.
     """
 
     def __init__(self, store: Store) -> None:
@@ -106,7 +106,7 @@ class Study:
         seed: int = 0,
         search: Search | str = Search.ADAPTIVE,
     ) -> Self:
-        """Begin a study in a directory; what is meant is that of `design_excitation`.
+        """Begin a study in a directory; its arguments are those of `design_excitation`.
 
         Parameters
         ----------
@@ -117,17 +117,17 @@ class Study:
         target : str or None
             Unknown parameter to excite; the criteria D and A need none.
         criterion : Criterion or str
-            What is minimised. H needs a number per simulation, C, D and A its trajectory.
+            Criterion that is minimised. H needs a number per simulation, C, D and A its trajectory.
         noise_variance : float or TrajectoryErrorNoise
-            For H: V_n.
+            For H: variance V_n that noise gives to the output.
         trajectory_noise : TrajectoryNoise
-            For C, D and A.
+            For C, D and A: noise of the trajectory.
         samples : int
             Runs per maneuver during the search for H.
         prior : BoxPrior, optional
-            For C, D and A: what earlier drives have taught; None: uniform.
+            For C, D and A: knowledge from earlier drives; None: uniform.
         beside : BesideParameters
-            For C, D and A: e inputs after the k parameters.
+            For C, D and A: the e uncertain inputs (nuisance parameters) after the k parameters.
         draws : int
             For C, D and A: parameter values over which the criterion is averaged.
         budget : int
@@ -140,7 +140,7 @@ class Study:
         Raises
         ------
         DesignError
-            A directory that holds a study, or a problem that is none.
+            If the directory holds a study, or the problem is not valid.
         ReportError
             If trajectories are wanted and pyarrow is not installed.
         """
@@ -197,7 +197,7 @@ class Study:
         return proposals
 
     def pending(self, part: int = 0, parts: int = 1) -> list[Proposal]:
-        """Return a part of what was asked for and is still missing, without a search.
+        """Return one part of the simulations asked for that are still missing, without a search.
 
         For the tasks of an array job, each of which runs a part.
 
@@ -240,7 +240,8 @@ class Study:
         samples : sequence of int, length q
             Numbers of the simulations, in any order.
         outputs : ndarray of float, shape (q,) or (q, t, c), or tuple of the latter
-            Of f: numbers for the criterion H, else trajectories. NaN marks a failed simulation.
+            Results of f: numbers for the criterion H, else trajectories. NaN marks a failed
+            simulation.
 
         Raises
         ------
@@ -413,4 +414,4 @@ def _whole(number: object) -> int:
             return operator.index(number)  # type: ignore[arg-type]
     except TypeError:
         pass
-    raise DesignError(f"{number!r} is no number of a point or sample: a whole number is needed")
+    raise DesignError(f"{number!r} is not the number of a point or sample: needs a whole number")

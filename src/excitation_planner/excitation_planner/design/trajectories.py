@@ -1,4 +1,4 @@
-"""Files of simulated trajectories in Parquet: what a study keeps, and what can be told to it.
+"""Parquet files of simulated trajectories: those that a study keeps, and those it is given.
 
 A row per time point, in the order of time, with the columns ``point`` and ``sample`` (whole
 numbers), ``maneuver`` (from 0; may be missing where maneuvers are no sets), and one column per
@@ -34,7 +34,7 @@ INDEX = re.compile(r"__index_level_\d+__")
 """Name of a column in which pandas writes the index of a table."""
 
 Told = dict[int, tuple[list[int], tuple[FloatArray, ...]]]
-"""By point: samples (q,), and their trajectories (q, t, c) in each maneuver."""
+"""Samples (q,) of each point, and their trajectories (q, t, c) in each maneuver."""
 
 
 def write_trajectories(
@@ -92,7 +92,7 @@ def write_trajectories(
 
 
 def unnamed(count: int) -> list[str]:
-    """Return the names of channels that were told without names.
+    """Return default names for channels that were given without names.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def channels_of(path: Path) -> list[str]:
     Parameters
     ----------
     path : Path
-        Parquet file.
+        Parquet file of trajectories.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def read_trajectories(path: Path) -> Told:
     Parameters
     ----------
     path : Path
-        Parquet file.
+        Parquet file of trajectories.
 
     Raises
     ------

@@ -49,7 +49,7 @@ def ishigami(P: FloatArray, *, a: float = 7.0, b: float = 0.1) -> FloatArray:
     P : ndarray of float, shape (n, 3)
         Points of `ISHIGAMI_UNKNOWN`.
     a, b : float
-        Its constants.
+        Constants of the function.
     """
     m: FloatArray = np.sin(P[:, 0]) * (1 + b * P[:, 2] ** 4) + a * np.sin(P[:, 1]) ** 2
     return m
@@ -61,7 +61,7 @@ def ishigami_indices(*, a: float = 7.0, b: float = 0.1) -> Indices:
     Parameters
     ----------
     a, b : float
-        Its constants.
+        Constants of the function.
     """
     v1 = 0.5 * (1 + b * np.pi**4 / 5) ** 2
     v2 = a**2 / 8
@@ -92,7 +92,7 @@ def g_function_indices(a: FloatArray) -> Indices:
     Parameters
     ----------
     a : ndarray of float, shape (k,)
-        Its constants.
+        Constants of the function.
     """
     v = 1 / (3 * (1 + a) ** 2)  # variance of each factor, whose mean is 1
     variance = float(np.prod(1 + v) - 1)
@@ -111,11 +111,11 @@ def quadrature_indices(
     Parameters
     ----------
     f : callable
-        Points (n, k) to outputs (n,).
+        Function from points (n, k) to outputs (n,).
     box : Box
         Ranges of the parameters.
     nodes : int
-        Per axis.
+        Number of quadrature nodes per axis.
     """
     k = len(box)
     t, w = np.polynomial.legendre.leggauss(nodes)

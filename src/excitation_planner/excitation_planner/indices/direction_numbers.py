@@ -26,7 +26,7 @@ _INITIAL = (
     (299, 1, 3, 5, 15, 31, 59, 63, 97), (301, 1, 3, 1, 11, 11, 11, 77, 249),
 )
 # fmt: on
-"""Of each axis but the first: a primitive polynomial as binary digits, and the first numbers."""
+"""For each axis but the first: a primitive polynomial as binary digits, and the first numbers."""
 
 AXES = 1 + len(_INITIAL)
 """Most axes that there are numbers for."""

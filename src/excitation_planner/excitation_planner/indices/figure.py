@@ -18,7 +18,7 @@ def draw_indices(axes: Any, names: Sequence[str], main: Spread, total: Spread) -
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        Drawn on.
+        Axes that are drawn on.
     names : sequence of str, length k
         The unknown parameters, from the top.
     main, total : (ndarray (k,), ndarray (k, 2))

@@ -17,7 +17,7 @@ _REFERENCE = 2048  # points of the integrals of the criterion by index variance
 
 
 class Infill(Choice):
-    """What an infill point is to reduce."""
+    """Criterion by which an infill point is chosen."""
 
     LARGEST_VARIANCE = "largest-variance"  # the paper's Algorithm 1
     INTEGRATED_VARIANCE = "integrated-variance"  # IMSE
@@ -41,13 +41,13 @@ def infill_points(
     Parameters
     ----------
     model : Kriging
-        On the unit box.
+        Metamodel, fitted on the unit box.
     by : Infill
-        What the points are to reduce.
+        Criterion by which the points are chosen.
     batch : int
         Number of points.
     seed : int
-        Of the candidates.
+        Seed of the candidates.
     avoid : ndarray of float, shape (q, k), optional
         Points not in the model that count as known, e.g. those of failed simulations.
     polish : bool

@@ -90,7 +90,7 @@ class Kriging:
         Raises
         ------
         ValueError
-            Shapes that do not fit, NaN or infinite numbers, or a constant output.
+            If shapes do not fit, a number is not finite, or the output is constant.
         """
         X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
         if X.ndim != 2 or y.shape != (len(X),) or len(X) < 2:
@@ -207,11 +207,11 @@ class Kriging:
         y : ndarray of float, shape (n,)
             Outputs.
         length_scale : ndarray of float, shape (k,)
-            In units of the inputs.
+            Length scales, in units of the inputs.
         amplitude : ndarray of float, shape (2, k)
             Coefficients of the amplitude.
         nugget : float
-            As a share of the process variance.
+            Nugget variance, as a share of the process variance.
         """
         self.length_scale_, self.amplitude_, self.nugget_ = length_scale, amplitude, nugget
         self.X_train_ = X
@@ -290,7 +290,7 @@ def amplitudes(U: FloatArray, amplitude: FloatArray) -> FloatArray:
     U : ndarray of float, shape (n, k)
         Points.
     amplitude : ndarray of float, shape (2, k)
-        Its coefficients.
+        Coefficients of the amplitude.
     """
     t = 2.0 * U - 1.0
     found: FloatArray = np.exp(t @ amplitude[0] + t**2 @ amplitude[1])

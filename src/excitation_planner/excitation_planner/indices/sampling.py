@@ -86,7 +86,7 @@ def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
     Raises
     ------
     DesignError
-        Too few samples for a metamodel.
+        If the samples are too few for a metamodel.
     """
     unknown.check_samples(samples)
     return training_points(samples, len(unknown), seed=seed)
@@ -100,7 +100,7 @@ def corners(dimensions: int, *, seed: int) -> FloatArray:
     dimensions : int
         Number k of axes.
     seed : int
-        Of the choice.
+        Seed of the random choice.
     """
     if dimensions <= 4:
         numbers = np.arange(2**dimensions)[:, None]

@@ -54,9 +54,9 @@ class Sensitivity(Indices):
     unexplained : float
         The rest of the variance, adjusted for the number of fitted hyperparameters.
     simulations : int
-        Samples simulated.
+        Number of samples simulated.
     failed : int
-        Those of them that gave NaN or infinity and were left out.
+        Number of samples that gave NaN or infinity and were left out.
     """
 
     names: tuple[str, ...]
@@ -159,15 +159,15 @@ def sensitivity(
     infill : int
         Further simulations, chosen by ``infill_by``.
     infill_by : Infill
-        What they are to reduce.
+        Criterion by which infill points are chosen.
     batch : int
         How many of them are run at once before the metamodel is fitted again.
 
     Raises
     ------
     DesignError
-        Too few samples, f that raises or gives the wrong shape, a constant output, too many failed
-        simulations.
+        If samples are too few, f raises or gives the wrong shape, the output is constant, or too
+        many simulations failed.
 
     Examples
     --------
@@ -215,7 +215,7 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
     Parameters
     ----------
     f : callable
-        Simulator.
+        Simulator f(x, P).
     P : ndarray of float, shape (n, k)
         Unknown parameters.
     """
@@ -264,9 +264,9 @@ def sensitivity_of_outputs(
     U : ndarray of float, shape (n, k)
         Points of the unit box.
     m : ndarray of float, shape (n,)
-        Outputs there; NaN where failed.
+        Outputs at these points; NaN where the simulation failed.
     start : Kriging, optional
-        As of `fit_metamodel`.
+        Model with hyperparameters to start from, as in `fit_metamodel`.
 
     Raises
     ------
@@ -313,7 +313,7 @@ def check_outputs(U: FloatArray, m: FloatArray) -> None:
     Raises
     ------
     DesignError
-        Too many failed simulations, a constant output.
+        If too many simulations failed, or the output is constant.
     """
     valid = np.isfinite(m)
     if valid.sum() < U.shape[1] + 2:
@@ -354,9 +354,9 @@ def sensitivity_of_model(
     model : Kriging
         Metamodel on the unit box.
     indices : Indices
-        Of the metamodel.
+        Sobol' indices of the metamodel.
     failed : int
-        Samples that were left out.
+        Number of samples that were left out.
     """
     n, k = model.X_train_.shape
     count = min(_FOLDS, n)

@@ -66,7 +66,7 @@ def sobol_indices(model: Kriging) -> Indices:
     Parameters
     ----------
     model : Kriging
-        On the unit box.
+        Metamodel, fitted on the unit box.
     """
     k = model.X_train_.shape[1]
     weights = model.deviation_ * model.alpha_
@@ -83,9 +83,9 @@ def effects(model: Kriging, U: FloatArray) -> FloatArray:
     Parameters
     ----------
     model : Kriging
-        On the unit box.
+        Metamodel, fitted on the unit box.
     U : ndarray of float, shape (u, k)
-        Points of it.
+        Points of the unit box.
     """
     k = model.X_train_.shape[1]
     weights = model.deviation_ * model.alpha_

@@ -23,7 +23,7 @@ import numpy as np
 from excitation_planner.box import Box
 from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_bridge.protocol.units import ANGLE_UNIT
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import PlanError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -38,7 +38,7 @@ COMMAND_TICKS = 2
 """PLC ticks per command: 50 Hz."""
 
 ACCELERATION = 1.0
-"""Of the run-in's speed ramp [m/s²]."""
+"""Acceleration of the run-in [m/s²]."""
 
 SETTLING_TIME = 1.0
 """Time at cruise speed before the maneuver proper begins [s]."""
@@ -133,20 +133,20 @@ class ManeuverFamily(Protocol):
         x : ndarray of float, shape (l,)
             Operation parameters.
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         ...
 
 
 def path_point(vehicle: Vehicle) -> float:
-    """Return where on the vehicle the point is that follows paths [m], ahead of its COM.
+    """Return how far ahead of the COM the point lies that follows paths [m].
 
     It is the middle of the axle that is not steered: on most vehicles the rear one.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With its wheels.
+        Vehicle with its wheels.
     """
     return vehicle.axle_x(next(wheel.axle for wheel in vehicle.wheels if not wheel.steered))
 
@@ -175,13 +175,14 @@ def family_by_name(name: str) -> ManeuverFamily:
     Raises
     ------
     PlanError
-        Unknown name, with those that are known; or a family that cannot be used, with the reason.
+        If the name is unknown, or the family cannot be used; the message lists the known ones, or
+        gives the reason.
     """
     key = name.replace("-", "_")
     # a colcon workspace over an installed wheel registers the same class twice
     points = {point.value: point for point in _installed(tuple(sys.path)).select(name=key)}
     if not points:
-        raise PlanError(f"unknown maneuver {name!r}; there are: {', '.join(family_names())}")
+        raise PlanError(f"unknown maneuver {name!r}; {hint(name, family_names())}")
     if len(points) > 1:
         raise PlanError(f"maneuver {key!r} is registered for {' and for '.join(sorted(points))}")
     ((value, point),) = points.items()
@@ -190,7 +191,7 @@ def family_by_name(name: str) -> ManeuverFamily:
     except Exception as error:  # whatever an installed package may raise
         raise PlanError(f"maneuver {key!r} cannot be loaded from {value}: {error!r}") from error
     if not isinstance(family, ManeuverFamily) or family.name != key:
-        raise PlanError(f"{value} is no maneuver family with the name {key!r}")
+        raise PlanError(f"{value} is not a maneuver family with the name {key!r}")
     return family
 
 
@@ -200,9 +201,9 @@ def operation_point(family: ManeuverFamily, values: Mapping[str, float]) -> Floa
     Parameters
     ----------
     family : ManeuverFamily
-        Has the names and ranges.
+        Family with the names and ranges of the operation parameters.
     values : mapping of str to float
-        By name.
+        Value of each operation parameter.
 
     Raises
     ------

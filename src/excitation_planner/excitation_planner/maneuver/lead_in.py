@@ -29,13 +29,13 @@ STRAIGHT = 0.01
 From 0, or from where the vehicle drives straight: a steering that is mounted askew is steered back.
 """
 ANGLES = np.linspace(-0.3, 0.3, 7)
-"""Between which it is straight [rad]."""
+"""Steering motor angles between which the angle of straight driving is interpolated [rad]."""
 
 OPEN_LOOP = 0.2
 """Time between the end of the lead-in and the first steering of the maneuver proper [s]."""
 
 LONGEST = 100.0
-"""Straight that may be asked for [m]."""
+"""Longest straight that may be asked for [m]."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,14 @@ class LedInFamily:
     Attributes
     ----------
     family : ManeuverFamily
-        Gives the maneuvers.
+        Family whose maneuvers get a lead-in.
     length : float
-        Of the straight before the family's own run-in [m].
+        Length of the straight before the family's own run-in [m].
 
     Raises
     ------
     PlanError
-        A length that is not from 0 to `LONGEST`.
+        If the length is not from 0 to `LONGEST`.
     """
 
     family: ManeuverFamily
@@ -80,7 +80,7 @@ class LedInFamily:
         x : ndarray of float, shape (l,)
             Operation parameters.
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         drive = self.family.drive(x, vehicle)
         if isinstance(drive, Commands):
@@ -101,38 +101,38 @@ def with_lead_in(families: Sequence[ManeuverFamily], length: float) -> tuple[Man
     Parameters
     ----------
     families : sequence of ManeuverFamily
-        Without one.
+        Families without a lead-in.
     length : float
-        Of the straight before their own run-ins [m].
+        Length of the straight before their own run-ins [m].
 
     Raises
     ------
     PlanError
-        A length that is not from 0 to `LONGEST`.
+        If the length is not from 0 to `LONGEST`.
     """
     return tuple(LedInFamily(family, length) for family in families)
 
 
 def lead_in_of(commands: Commands, vehicle: Vehicle) -> float:
-    """Return how long commands lead straight ahead, less `OPEN_LOOP` [s]; 0 if no longer than that.
+    """Return for how long commands lead straight ahead, less `OPEN_LOOP` [s]; at least 0.
 
     Parameters
     ----------
     commands : Commands
-        Of a maneuver.
+        Commands of a maneuver.
     vehicle : Vehicle
-        Its nominal values.
+        Vehicle; only its nominal values count.
     """
     return max(0.0, float(commands.time[_first_steered(commands, vehicle)]) - OPEN_LOOP)
 
 
 def straight_on(vehicle: Vehicle) -> float:
-    """Return the angle of the steering motor with which a vehicle drives straight on [rad].
+    """Return the steering motor angle at which a vehicle drives straight on [rad].
 
     Parameters
     ----------
     vehicle : Vehicle
-        Its nominal values.
+        Vehicle; only its nominal values count.
     """
     from tricycle_sim.vehicle.kinematics import road_angles  # the help of `plan` needs no numba
 

@@ -76,7 +76,7 @@ class Circle:
         x : ndarray of float, shape (2,)
             Radius [m] and speed [m/s].
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         radius, speed = (float(v) for v in x)
         if radius <= 0.0:
@@ -124,7 +124,7 @@ class DoubleLaneChange:
         x : ndarray of float, shape (2,)
             Handle lengths d1 and d2 [m].
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         d1, d2 = (float(v) for v in x)
         if self.length < d1 + d2 - np.sqrt(d1 * d2):
@@ -180,7 +180,7 @@ class Slalom:
         x : ndarray of float, shape (2,)
             Spacing of the gates and offset [m].
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         spacing, offset = (float(v) for v in x)
         gate = np.linspace(0.0, self.gates + 1.0, round(400 * (self.gates + 1.0)))

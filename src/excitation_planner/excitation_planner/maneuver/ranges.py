@@ -51,7 +51,7 @@ class RangedFamily:
         x : ndarray of float, shape (l,)
             Operation parameters.
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         own = len(self.family.operation)
         values = dict(zip(self.operation.names[own:], x[own:].tolist(), strict=True))
@@ -83,7 +83,7 @@ def parse_ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
         try:
             low, high = map(float, limits.split(":"))
         except ValueError:
-            raise PlanError(f"range {text!r}: want NAME=LOW:HIGH, as in radius=3:12") from None
+            raise PlanError(f"range {text!r}: needs NAME=LOW:HIGH, as in radius=3:12") from None
         if name in ranges:
             raise PlanError(f"range {text!r}: {name} is given twice")
         ranges[name] = low, high
@@ -96,19 +96,19 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
     Parameters
     ----------
     path : Path
-        File.
+        YAML file.
 
     Raises
     ------
     PlanError
-        If it holds anything else; names the entry.
+        If the file holds anything else; the message names the entry.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     content = read_bounded(path, MAX_BYTES, "a file of ranges", PlanError)
     document = parse_yaml(content, str(path), PlanError)
     if not isinstance(document, dict):
-        raise PlanError(f"{path}: want entries like radius: [3, 12]")
+        raise PlanError(f"{path}: needs entries like radius: [3, 12]")
     entries: dict[str, Any] = {}
     for name, value in document.items():
         inner = value.items() if isinstance(value, dict) else [(None, value)]
@@ -120,7 +120,7 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
             and len(limits) == 2
             and all(isinstance(n, int | float) and not isinstance(n, bool) for n in limits)
         ):
-            raise PlanError(f"{path}: {name}: {reprlib.repr(limits)}: want [low, high]")
+            raise PlanError(f"{path}: {name}: needs [low, high], not {reprlib.repr(limits)}")
         ranges[name] = float(limits[0]), float(limits[1])
     return ranges
 
@@ -135,8 +135,9 @@ def with_ranges(
     families : sequence of ManeuverFamily
         Some have the parameters named.
     ranges : mapping of str to (float, float)
-        By ``NAME``, of every family that has it, or by ``FAMILY.NAME``: an operation parameter, or
-        a setting of the family that is a number, as the speed of a slalom, which then is one too.
+        Range by ``NAME``, for every family that has it, or by ``FAMILY.NAME``: an operation
+        parameter, or a setting of the family that is a number, as the speed of a slalom, which then
+        is one too.
     smaller : bool
         Whether of families whose speed is a setting those in `SMALLER` are searched too, unless a
         range is given: a slow vehicle stops in less room, and a short maneuver needs less.

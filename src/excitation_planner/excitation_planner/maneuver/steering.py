@@ -35,9 +35,9 @@ def steered(
     Parameters
     ----------
     vehicle : Vehicle
-        Its acceleration limits the run-in.
+        Vehicle; its acceleration limits the run-in.
     speed : float
-        Held after the run-in [m/s].
+        Speed held after the run-in [m/s].
     angle : callable
         Steering motor angle (t,) [rad], left positive, at times (t,) [s] after the run-in.
     duration : float
@@ -46,7 +46,7 @@ def steered(
     Raises
     ------
     PlanError
-        If the speed is none of a maneuver.
+        If a maneuver cannot be driven at the speed.
     """
     check_speed(speed)
     acceleration = min(ACCELERATION, vehicle.acceleration)
@@ -87,7 +87,7 @@ class StepSteer:
         x : ndarray of float, shape (2,)
             Steering motor angle [rad] and speed [m/s].
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         angle, speed = (float(v) for v in x)
         return steered(
@@ -111,9 +111,9 @@ class SineSweep:
     first_frequency : float
         Frequency at the beginning of the sweep [Hz].
     duration : float
-        Of the sweep [s].
+        Duration of the sweep [s].
     speed : float
-        During the sweep [m/s].
+        Speed during the sweep [m/s].
     """
 
     operation: Box = SWEEP_OPERATION
@@ -130,7 +130,7 @@ class SineSweep:
         x : ndarray of float, shape (2,)
             Amplitude [rad] and last frequency [Hz].
         vehicle : Vehicle
-            Its nominal values.
+            Vehicle; only its nominal values count.
         """
         amplitude, frequency = (float(v) for v in x)
         rise = (frequency - self.first_frequency) / self.duration  # Hz/s

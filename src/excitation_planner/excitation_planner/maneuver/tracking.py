@@ -140,7 +140,7 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
     Parameters
     ----------
     vehicle : Vehicle
-        Its nominal values are driven, from rest at the origin heading +x.
+        Vehicle that is driven with its nominal values, from rest at the origin heading +x.
     path : DrivenPath
         Path of the unsteered axle's ground point, starting where that point is.
     """

@@ -69,7 +69,7 @@ MOVED = 0.6
 """Share of the operation parameters in which they differ from the best."""
 
 DISTANCES = (0.3, 0.1, 0.03, 0.01)
-"""Of the next points from all others on some axis, in ranges: one for each is chosen."""
+"""Distances of the next points from all others on some axis, in ranges: one point for each."""
 
 LEARNT = 3
 """Turns after which it is looked whether all vehicles of the ranges fit the best maneuver."""
@@ -117,25 +117,25 @@ class FittingSearch:
     Attributes
     ----------
     vehicle : Vehicle
-        With the ranges of its k unknown parameters.
+        Vehicle with the ranges of its k unknown parameters.
     family : ManeuverFamily
-        Of the maneuvers.
+        Family of the maneuvers.
     room : Room
-        What they have to fit.
+        Area, footprint and position noise that the maneuvers must fit.
     criterion : Criterion
-        C, D or A.
+        Criterion: C, D or A.
     target : int
-        Axis of the target, for C.
+        Index of the parameter to excite, for C.
     noise : MeasurementNoise
         How the drive will be measured.
     prior : BoxPrior, optional
-        What is known before; None: uniform.
+        Knowledge of the parameters before the drive; None: uniform.
     effects : sequence of Effect
-        Beside the parameters.
+        Effects that are unknown besides the parameters.
     seed : int
-        Of the maneuvers tried, and of the vehicles that judge.
+        Seed of the maneuvers tried, and of the vehicles that evaluate them.
     simulations : int
-        Taken so far.
+        Number of simulations so far.
     """
 
     vehicle: Vehicle
@@ -277,7 +277,7 @@ class FittingSearch:
 
     @property
     def _found(self) -> list[_Tried]:
-        """Those that can be driven."""
+        """Maneuvers tried that can be driven."""
         return [one for one in self._tried if one is not None and one.drivable]
 
     def _by_cost(self) -> list[_Tried]:

@@ -17,7 +17,7 @@ OTHERWISE = 0.5  # m between a plan's reference and what the vehicle does, from 
 
 
 def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:
-    """Return a plan with all steering the other way round; what it was chosen by stays.
+    """Return a plan with all steering reversed; search and cost stay those of the original.
 
     The other way round is about the angle of the steering motor with which the vehicle drives
     straight on. Plans that follow a path begin with it; where a campaign steers back what it has
@@ -27,9 +27,9 @@ def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:
     Parameters
     ----------
     plan : Plan
-        To be mirrored.
+        Plan to be mirrored.
     vehicle : Vehicle
-        That the plan is for.
+        Vehicle that the plan is for.
 
     Raises
     ------

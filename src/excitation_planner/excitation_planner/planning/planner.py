@@ -80,9 +80,9 @@ def plan_maneuver(
     Parameters
     ----------
     request : PlanRequest
-        What is to be planned.
+        Vehicle, family, target and further settings of the plan.
     executor : Executor, optional
-        Where simulations run; threads of this process by default.
+        Executor that runs the simulations; threads of this process by default.
     progress : callable, optional
         Called with (simulations so far, budget).
     """
@@ -98,9 +98,9 @@ def plan_set(
     Parameters
     ----------
     request : PlanRequest
-        What is to be planned.
+        Vehicle, family, target and further settings of the plan.
     executor : Executor, optional
-        Where simulations run; threads of this process by default.
+        Executor that runs the simulations; threads of this process by default.
     progress : callable, optional
         Called with (simulations so far, budget).
 
@@ -259,7 +259,7 @@ def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
     Parameters
     ----------
     request : PlanRequest
-        What is to be planned; nothing is searched.
+        Settings of the plan; nothing is searched.
     x : ndarray of float, shape (l,)
         Operation parameters.
 
@@ -314,7 +314,7 @@ def _effects(request: PlanRequest) -> tuple[Effect, ...]:
 
 
 def _trajectories(request: PlanRequest, room: Room | None) -> tuple[ReplayedTrajectories, ...]:
-    """What is measured of each maneuver, as a function of x and p; it has to fit the room."""
+    """Return the measured trajectories as a function of x and p; a maneuver must fit the room."""
     vehicle, channels = request.vehicle, request.noise.channels
     return tuple(
         ReplayedTrajectories(vehicle, family, channels, room, _effects(request))
@@ -444,16 +444,16 @@ def on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
     Parameters
     ----------
     room : Room
-        What the maneuver fits.
+        Area, footprint and position noise that the maneuver fits.
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     commands : Commands
-        Of the maneuver.
+        Commands of the maneuver.
 
     Raises
     ------
     DoesNotFit
-        Names what is lacking.
+        If the maneuver does not fit; the message says what is lacking.
     InfeasibleManeuver
         If a vehicle of the ranges rolls over.
     """

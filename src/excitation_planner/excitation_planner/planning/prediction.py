@@ -65,13 +65,13 @@ class ReplayedTrajectories:
     vehicle : Vehicle
         Nominal vehicle with its unknown parameters.
     family : ManeuverFamily
-        Of the maneuvers.
+        Family of the maneuvers.
     columns : tuple of str, length c
         The channels, by their names in `tricycle_sim.vehicle.batch.Trajectory`.
     room : Room, optional
-        What the maneuvers have to fit.
+        Area, footprint and position noise that the maneuvers must fit.
     effects : tuple of Effect
-        Beside the parameters.
+        Effects that are unknown besides the parameters.
     """
 
     vehicle: Vehicle
@@ -89,23 +89,23 @@ class ReplayedTrajectories:
 def planned_effects(
     vehicle: Vehicle, names: Sequence[str], known: Mapping[str, float] | None = None
 ) -> tuple[Effect, ...]:
-    """Return the effects that plans count, those that each drive has its own of last.
+    """Return the effects that a plan counts; those with another value in each drive come last.
 
     The deviations are left out: a process has no end of variables.
 
     Parameters
     ----------
     vehicle : Vehicle
-        That is planned for.
+        Vehicle that is planned for.
     names : sequence of str
-        Of `tricycle_sim.effects.EFFECTS`.
+        Names from `tricycle_sim.effects.EFFECTS`.
     known : mapping of str to float, optional
-        Standard deviations after earlier drives, by these names, in the effects' units.
+        Standard deviations of some effects after earlier drives, in the effects' units.
 
     Raises
     ------
     VehicleError
-        If a name is none of an effect.
+        If a name is not one of an effect.
     """
     known = known or {}
     counted = [
@@ -117,12 +117,12 @@ def planned_effects(
 
 
 def beside_parameters(effects: Sequence[Effect]) -> BesideParameters:
-    """Return what a design has to know of effects.
+    """Return the effects as nuisance parameters of a design.
 
     Parameters
     ----------
     effects : sequence of Effect
-        From `planned_effects`.
+        Effects from `planned_effects`.
     """
     return BesideParameters(tuple(e.step for e in effects), sum(e.per_drive for e in effects))
 
@@ -141,13 +141,13 @@ def replayed(
     vehicle : Vehicle
         Nominal vehicle with its unknown parameters.
     commands : Commands
-        Of the drive.
+        Commands of the drive.
     columns : tuple of str, length c
-        The channels.
+        Channels, by their names in `tricycle_sim.vehicle.batch.Trajectory`.
     parameters : ndarray of float, shape (n, k + e)
-        Of the samples, the effects in standard deviations of their priors.
+        Parameters of the samples; the e effects in standard deviations of their priors.
     effects : sequence of Effect
-        Beside the parameters.
+        Effects that are unknown besides the parameters.
     """
     every, rest = round(PERIOD / TICK), round(STANDSTILL / PERIOD)
     affected, n, k = with_effects(vehicle, effects), len(parameters), len(vehicle.unknown)
@@ -197,24 +197,24 @@ def predicted_covariance(
     Parameters
     ----------
     simulators : tuple of callable
-        Of each drive: x (l,), P (n, k + e) to trajectories (n, t, c).
+        Simulator of each drive, from x (l,) and P (n, k + e) to trajectories (n, t, c).
     points : tuple of ndarray
         Operation parameters x (l,) of each drive.
     unknown : Box
         Ranges of the unknown parameters.
     noise : TrajectoryNoise
-        Of the measurement.
+        Noise of the measurement.
     seed : int
-        Of the parameter values over which is averaged.
+        Seed of the parameter values over which the covariance is averaged.
     prior : BoxPrior, optional
-        What is known before; None: uniform in the box.
+        Knowledge of the parameters before the drives; None: uniform in the box.
     beside : BesideParameters
-        What is beside the parameters.
+        Further uncertain inputs of the simulator (nuisance parameters).
 
     Raises
     ------
     DesignError
-        If not one of the vehicles drawn can be simulated.
+        If none of the vehicles drawn can be simulated.
     """
     k = len(unknown)
     U = difference_points(k, DRAWS, seed=seed, prior=prior, beside=beside)
@@ -232,7 +232,7 @@ def predicted_covariance(
 def predicted_progress(
     plan: Plan, vehicle: Vehicle, prior: BoxPrior | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Predict what is known during one drive.
+    """Predict the standard deviations of the parameters in the course of one drive.
 
     After a drive that was planned alone with this prior it is the plan's `predicted_std`; the
     plan's effects are counted.
@@ -240,23 +240,23 @@ def predicted_progress(
     Parameters
     ----------
     plan : Plan
-        Of the drive.
+        Plan of the drive.
     vehicle : Vehicle
-        With k unknown parameters.
+        Vehicle with k unknown parameters.
     prior : BoxPrior, optional
-        What is known before; None: the ranges.
+        Knowledge of the parameters before the drive; None: uniform on the ranges.
 
     Returns
     -------
     time : ndarray of float, shape (s,)
-        Since the start event, every second and the end [s].
+        Time since the start event, every second, and the end [s].
     std : ndarray of float, shape (s, k)
-        Standard deviations then, in the parameters' units.
+        Standard deviations at these times, in the parameters' units.
 
     Raises
     ------
     DesignError
-        If the plan says nothing about the noise, or not one of the vehicles drawn can be simulated.
+        If the plan has no measurement noise, or none of the vehicles drawn can be simulated.
     """
     if plan.noise.noise_std == 0.0:
         raise DesignError("a plan with noise_std 0 predicts nothing")

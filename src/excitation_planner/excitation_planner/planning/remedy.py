@@ -1,4 +1,4 @@
-"""What would make a maneuver fit an area that is too small for it."""
+"""Changes that make a maneuver fit an area that is too small for it."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _FAR = 100.0  # m further out, where nothing is in the way of a maneuver
 
 
 def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
-    """Return what a family lacks that does not fit an area at all, and what would be enough.
+    """Return by how much a family that does not fit an area falls short, and what would help.
 
     Empty where one of its maneuvers fits.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     family : ManeuverFamily
-        Of the maneuver.
+        Family of the maneuver.
     room : Room
-        What it has to fit.
+        Area, footprint and position noise that the maneuver must fit.
     """
     box = family.operation
     at = np.vstack([corners(len(box), seed=0), sobol_sequence(_INSIDE, len(box))])
@@ -54,16 +54,16 @@ def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
 
 
 def nearest_that_fits(vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray) -> str:
-    """Return what one maneuver lacks, and what would make it fit.
+    """Return by how much one maneuver does not fit, and what would make it fit.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     family : ManeuverFamily
-        Of the maneuver.
+        Family of the maneuver.
     room : Room
-        What it has to fit.
+        Area, footprint and position noise that the maneuver must fit.
     x : ndarray of float, shape (l,)
         Operation parameters.
     """
@@ -83,14 +83,14 @@ def nearest_that_fits(vehicle: Vehicle, family: ManeuverFamily, room: Room, x: F
 def _larger(
     vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray, shortage: float
 ) -> str:
-    """What change of the area makes up for a shortage [m] of a maneuver."""
+    """Return the change of the area that makes up for a shortage [m] of a maneuver."""
     import shapely  # only who plans on an area needs it
 
     area, margin = room.area, room.area.margin
     margins = f"margin {margin - shortage:.2f} instead of {margin:.2f} m"
 
     def lacks(further: float) -> float:
-        """What it lacks still with a keep_in that is so much further out [m]."""
+        """Return the shortage [m] with keep_in moved outwards by this distance [m]."""
         outwards = shapely.Polygon(area.keep_in).buffer(further, join_style="mitre")
         wider = replace(room, area=replace(area, keep_in=rings_of(outwards)[0]))
         still = _shortage(vehicle, family, wider, x)
@@ -108,7 +108,7 @@ def _larger(
 
 
 def _shortage(vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray) -> float | None:
-    """What a maneuver lacks [m]; None if the vehicle cannot drive it."""
+    """Return the shortage of a maneuver [m]; None if the vehicle cannot drive it."""
     try:
         return room.fit(vehicle, nominal_run(vehicle, family, x).commands).shortage
     except InfeasibleManeuver:

@@ -33,7 +33,7 @@ KEPT_RUNS = 4
 
 @dataclass(frozen=True)
 class NominalRun:
-    """What the nominal vehicle does in a maneuver.
+    """The nominal vehicle's drive of a maneuver: commands, path and trajectories.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class NominalRun:
     reference : Reference
         Trajectory of the nominal vehicle replaying the commands.
     nominal : NominalTrajectory
-        The same, on the simulation's grid, as TE needs it.
+        The same trajectory on the simulation's grid, as TE needs it.
     """
 
     commands: Commands
@@ -63,13 +63,14 @@ def replayed_errors(
     Parameters
     ----------
     vehicle : Vehicle
-        Nominal vehicle.
+        Vehicle with its nominal values.
     run : NominalRun
-        Has the commands.
+        Nominal run, whose commands are replayed.
     parameters : ndarray of float, shape (n, k)
         Unknown parameters.
     threads : int, optional
-        None: one for each processor; a search drives maneuvers side by side with one each.
+        Number of threads; None: one per processor. A search that evaluates maneuvers in parallel
+        takes one each.
     """
     errors = np.empty(len(parameters))
 
@@ -85,23 +86,24 @@ def replayed_errors(
 def nominal_run(
     vehicle: Vehicle, family: ManeuverFamily, x: FloatArray, room: Room | None = None
 ) -> NominalRun:
-    """Return what the nominal vehicle does in a maneuver; a path is tracked first.
+    """Return the nominal vehicle's drive of a maneuver; a path is tracked first.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Nominal vehicle.
+        Vehicle with its nominal values; with a room, the ranges of its parameters count too.
     family : ManeuverFamily
-        Of the maneuver.
+        Family of the maneuver.
     x : ndarray of float, shape (l,)
         Operation parameters.
     room : Room, optional
-        What the maneuver has to fit, with all vehicles of the ranges.
+        Area, footprint and position noise that the maneuver must fit with every vehicle of the
+        ranges.
 
     Raises
     ------
     InfeasibleManeuver
-        If the nominal vehicle cannot drive it, or it does not fit, with the reason.
+        If the nominal vehicle cannot drive it, or it does not fit; the message is the reason.
     PlanError
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
@@ -124,23 +126,23 @@ def nominal_run(
 def nominal_commands(
     vehicle: Vehicle, family: ManeuverFamily, x: FloatArray, room: Room | None = None
 ) -> Commands:
-    """Return the commands of a maneuver: those of `nominal_run`, which takes longer.
+    """Return the commands of a maneuver; unlike `nominal_run`, without its trajectories.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Nominal vehicle.
+        Vehicle with its nominal values; with a room, the ranges of its parameters count too.
     family : ManeuverFamily
-        Of the maneuver.
+        Family of the maneuver.
     x : ndarray of float, shape (l,)
         Operation parameters.
     room : Room, optional
-        What the maneuver has to fit.
+        Area, footprint and position noise that the maneuver must fit.
 
     Raises
     ------
     InfeasibleManeuver, PlanError
-        As of `nominal_run`.
+        As `nominal_run`.
     """
     _, commands = _driven(vehicle, family, x)
     nominal = CommandedBatch(vehicle, commands).run(vehicle.nominal_point()[np.newaxis], ("x",))
@@ -154,9 +156,9 @@ def driven_commands(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> 
     Parameters
     ----------
     vehicle : Vehicle
-        Nominal vehicle.
+        Vehicle; only its nominal values count.
     family : ManeuverFamily
-        Of the maneuver.
+        Family of the maneuver.
     x : ndarray of float, shape (l,)
         Operation parameters.
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What is to be planned.
+    """Vehicle, maneuver family, target and settings of a plan.
 
     Attributes
     ----------
@@ -31,36 +31,36 @@ class PlanRequest:
     family : ManeuverFamily
         Maneuver family, with its settings and operation box.
     target : str
-        Unknown parameter to excite; the criteria D and A look at all of them.
+        Unknown parameter to excite; the criteria D and A count all of them.
     criterion : Criterion
-        What is minimised; H is the paper's.
+        Criterion that is minimised; H is the paper's.
     others : tuple of ManeuverFamily
         Families of the maneuvers driven after the first, designed as one set with it.
     samples : int
-        For H: simulations per maneuver during the search.
+        For H: number of simulations per maneuver during the search.
     budget : int
         Largest number of simulations in all.
     seed : int
-        Same seed, same plan.
+        Seed; the same seed gives the same plan.
     noise : MeasurementNoise
         How the drive will be measured.
     prior : BoxPrior, optional
-        What earlier drives have taught; None: uniform on the ranges of the vehicle.
+        Knowledge from earlier drives; None: uniform on the vehicle's ranges.
     search : Search
         How the operation box is searched.
     area : Area, optional
         Ground that all vehicles of the ranges stay on, with a margin.
     effects : tuple of str
-        Of `tricycle_sim.effects.EFFECTS`: what the vehicle file may not know, counted by the
-        criteria C, D and A and in the predicted deviations.
+        Names from `tricycle_sim.effects.EFFECTS`: errors of the vehicle file that the criteria C, D
+        and A and the predicted deviations count.
     known_effects : mapping of str to float
-        Standard deviations of some of them after earlier drives, in their units.
+        Standard deviations of some effects after earlier drives, in the effects' units.
 
     Raises
     ------
     PlanError
-        A target that is not one of the vehicle's unknown parameters, or a criterion that cannot
-        judge this request.
+        If the target is not one of the vehicle's unknown parameters, or the criterion cannot judge
+        this request.
     """
 
     vehicle: Vehicle

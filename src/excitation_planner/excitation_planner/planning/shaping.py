@@ -1,4 +1,4 @@
-"""Which vehicle a plan is for: the laws of its parts, and the constants that shape its commands.
+"""Whether a plan suits a vehicle: the laws and constants of the vehicle that shape its commands.
 
 A plan holds commands that were found with one vehicle. Where another one differs in geometry,
 mass, steering or limits, they drive another path and may not be feasible. What drives identify, and
@@ -65,12 +65,12 @@ def check_motor(vehicle: Vehicle) -> None:
     Parameters
     ----------
     vehicle : Vehicle
-        That is to be planned for.
+        Vehicle that is to be planned for.
 
     Raises
     ------
     PlanError
-        Names its motor, and the one that holds a speed.
+        If its motor does not hold a speed; the message names one that does.
     """
     if not vehicle.has_speed_loop:
         raise PlanError(
@@ -80,16 +80,16 @@ def check_motor(vehicle: Vehicle) -> None:
 
 
 def planned_for(plan: "Plan", vehicle: Vehicle) -> "Plan":
-    """Return a plan as one for the vehicle's file, where it was made with effects beside the file.
+    """Return a plan made with corrected values of a vehicle as one for the vehicle's file.
 
     The nodes that drive it are set up with the file, and the boards' tyre radius is its.
 
     Parameters
     ----------
     plan : Plan
-        Made with the same vehicle, corrected.
+        Plan made with the same vehicle, corrected by effects.
     vehicle : Vehicle
-        Of the file.
+        Vehicle of the file.
     """
     return replace(
         plan,
@@ -101,19 +101,19 @@ def planned_for(plan: "Plan", vehicle: Vehicle) -> "Plan":
 
 
 def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
-    """Refuse a plan of a vehicle that differs in what shapes its commands.
+    """Refuse a plan if the vehicle differs in a law or constant that shapes the commands.
 
     Parameters
     ----------
     plan : Plan
-        To be driven.
+        Plan to be driven.
     vehicle : Vehicle
-        That is to drive it.
+        Vehicle that is to drive it.
 
     Raises
     ------
     PlanError
-        Names the laws and constants with both values.
+        If they differ; the message names the laws and constants, with both values.
     """
     here, laws = shaping_constants(vehicle), laws_of(vehicle)
     differing = [

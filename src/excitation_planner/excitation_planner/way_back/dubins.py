@@ -71,16 +71,16 @@ def dubins_lengths(start: FloatArray, goal: FloatArray, radius: float) -> FloatA
     Parameters
     ----------
     start : ndarray of float, shape (n, 3)
-        x, y, heading of the first poses [m, m, rad].
+        x, y, heading of the start poses [m, m, rad].
     goal : ndarray of float, shape (m, 3)
-        Of the last ones.
+        x, y, heading of the goal poses [m, m, rad].
     radius : float
-        Of the arcs [m].
+        Radius of the arcs [m].
 
     Returns
     -------
     lengths : ndarray of float, shape (6, 3, n, m)
-        By the order of `WORDS` [m]; infinite where a word does not lead from one to the other.
+        Lengths by the order of `WORDS` [m]; infinite where a word does not connect the poses.
     """
     dx = (goal[:, 0] - start[:, None, 0]) / radius
     dy = (goal[:, 1] - start[:, None, 1]) / radius
@@ -119,18 +119,18 @@ def dubins_lengths(start: FloatArray, goal: FloatArray, radius: float) -> FloatA
 
 
 def dubins_arcs(start: Pose, word: str, lengths: FloatArray, radius: float) -> tuple[Arc, ...]:
-    """Return the arcs of a Dubins path from its start on, those shorter than `ROUND_OFF` left out.
+    """Return the arcs of a Dubins path from its start; those shorter than `ROUND_OFF` are left out.
 
     Parameters
     ----------
     start : (float, float, float)
-        Pose [m, m, rad].
+        Start pose [m, m, rad].
     word : str
-        Of `WORDS`.
+        One of `WORDS`.
     lengths : ndarray of float, shape (3,)
-        Of its parts [m]; negative: driven backwards.
+        Lengths of its parts [m]; negative: driven backwards.
     radius : float
-        Of the arcs [m].
+        Radius of the arcs [m].
     """
     arcs = []
     for letter, length in zip(word, lengths.tolist(), strict=True):

@@ -56,21 +56,21 @@ ATTEMPTS = 4
 """Routes driven until the start counts as out of reach."""
 
 SHARE = 0.6
-"""Of the tolerances of a start within which the vehicle has arrived: the rest is for noise."""
+"""Share of a start's tolerances within which the vehicle has arrived: the rest is for noise."""
 
 
 @dataclass(frozen=True)
 class Chassis:
-    """What of a vehicle takes it along a route; the driver has a parameter of each name.
+    """Geometry of a vehicle for following a route; the driver has a parameter of each name.
 
     Attributes
     ----------
     geometry : TurningGeometry
         Angles of the steering motor, and how the vehicle turns with them.
     unsteered_axle : float
-        Place of its middle, ahead of `base_link` [m].
+        Position of the unsteered axle's middle, ahead of `base_link` [m].
     tyre_radius : float
-        Of the driven wheel [m].
+        Radius of the driven wheel's tyre [m].
     """
 
     geometry: TurningGeometry = field(default_factory=TurningGeometry)
@@ -101,7 +101,7 @@ class Chassis:
         Parameters
         ----------
         curvature : float
-            Left positive [1/m].
+            Curvature of the axle's path, left positive [1/m].
         """
         return self.geometry.motor_angle(1.0, curvature)
 
@@ -115,15 +115,15 @@ class Pursuit:
     arcs : tuple of Arc
         Route; it begins where the vehicle stands.
     chassis : Chassis
-        Of the vehicle.
+        Steering geometry and tyre radius of the vehicle.
     angle : float
-        Commanded of the steering motor, at first where it stands [rad].
+        Commanded steering motor angle [rad]; at first the present one.
     done : bool
         Whether the vehicle rests at the end of the last arc.
     curvature : float
-        Commanded [1/m], left positive.
+        Commanded curvature [1/m], left positive.
     push : float
-        Positive, negative, 0: whether it is driven forwards, backwards or not at all.
+        Sign of the commanded drive: positive forwards, negative backwards, 0 none.
     """
 
     arcs: tuple[Arc, ...]
@@ -140,14 +140,14 @@ class Pursuit:
     _progressed: float = -math.inf  # when
 
     def step(self, pose: Pose, now: float, *, rests: bool) -> tuple[float, float]:
-        """Return the angle of the steering motor [rad] and the speed [m/s] for now.
+        """Return the commanded steering motor angle [rad] and speed [m/s].
 
         Parameters
         ----------
         pose : (float, float, float)
-            Measured [m, m, rad].
+            Measured pose of the unsteered axle's middle [m, m, rad].
         now : float
-            Time [s].
+            Present time [s].
         rests : bool
             Whether the vehicle stands still.
 
@@ -228,11 +228,11 @@ class WayBack:
     goal : (float, float, float)
         Pose of `base_link` [m, m, rad].
     chassis : Chassis
-        Of the vehicle.
+        Steering geometry and tyre radius of the vehicle.
     angle : float
-        Commanded of the steering motor [rad].
+        Commanded steering motor angle [rad].
     wanted : Pose or None
-        Where the vehicle's axle rests while a route from there is wanted.
+        Pose of the unsteered axle's middle at rest while a route from there is needed, else None.
     arrived : bool
         Whether it rests at the goal.
     """
@@ -253,19 +253,19 @@ class WayBack:
         Parameters
         ----------
         arcs : tuple of Arc
-            From `wanted` to the goal.
+            Route from `wanted` to the goal.
         """
         self.wanted, self.pursuit = None, Pursuit(arcs, self.chassis, self.angle)
 
     def step(self, pose: Pose, now: float, *, rests: bool) -> tuple[float, float] | None:
-        """Return angle [rad] and speed [m/s] for now; None: stand still as before.
+        """Return steering motor angle [rad] and speed [m/s]; None: stand still with the last angle.
 
         Parameters
         ----------
         pose : (float, float, float)
-            Measured, of `base_link` [m, m, rad].
+            Measured pose of `base_link` [m, m, rad].
         now : float
-            Time [s].
+            Present time [s].
         rests : bool
             Whether the vehicle stands still.
 

@@ -43,26 +43,26 @@ PATHS = 400
 """Paths that are looked at in each search."""
 
 SPACING = 0.2
-"""Between the poses of a path that are looked at [m]."""
+"""Distance between the poses of a path that are checked [m]."""
 
 ALONG = 0.7
-"""Between the points of the border that are looked at: as a share of the footprint's width."""
+"""Distance between the points of the border that are checked, as a share of the vehicle's width."""
 
 
 @dataclass(frozen=True)
 class RouteRequest:
-    """What a route is looked for.
+    """Poses, radius and ground between which a route is searched.
 
     Attributes
     ----------
     start, goal : (float, float, float)
         Poses of the middle of the unsteered axle [m, m, rad].
     radius : float
-        Of its tightest arcs [m].
+        Radius of the tightest arcs [m].
     ground : sequence of ndarray of float, each of shape (n, 2)
         Outlines and holes of where the footprint may be [m]; empty: anywhere.
     footprint : ndarray of float, shape (m, 2)
-        Corners, seen from the axle [m].
+        Corners of the vehicle, relative to the axle's pose [m].
     """
 
     start: Pose
@@ -78,7 +78,7 @@ def find_route(request: RouteRequest) -> tuple[Arc, ...]:
     Parameters
     ----------
     request : RouteRequest
-        From where to where.
+        Start, goal, radius and ground.
 
     Raises
     ------
@@ -103,14 +103,14 @@ def find_route(request: RouteRequest) -> tuple[Arc, ...]:
 
 
 class FreeGround:
-    """Where on the ground of a request the vehicle may be and drive.
+    """Poses and arcs of a request that keep the vehicle on the ground.
 
     Parameters
     ----------
     request : RouteRequest
-        With ground and footprint.
+        Request with ground and footprint.
     clearance : float
-        Kept from the border of the ground [m].
+        Distance kept from the border of the ground [m].
     """
 
     def __init__(self, request: RouteRequest, clearance: float = CLEARANCES[0]) -> None:
@@ -139,7 +139,7 @@ class FreeGround:
         Returns
         -------
         free : ndarray of bool, shape (n,)
-            At each of them.
+            Whether the footprint is on the ground at each pose.
         """
         if not self.ground:
             return np.ones(np.shape(x), bool)
@@ -170,9 +170,9 @@ class FreeGround:
         Parameters
         ----------
         rng : Generator
-            Source of them.
+            Random generator.
         number : int
-            At most so many.
+            Largest number of poses.
 
         Returns
         -------
@@ -201,11 +201,11 @@ class FreeGround:
         Parameters
         ----------
         rng : Generator
-            Of the arcs.
+            Random generator.
         root : (float, float, float)
             The first pose [m, m, rad].
         number : int
-            Arcs that are tried.
+            Number of arcs that are tried.
 
         Returns
         -------

@@ -5,7 +5,6 @@ on one clock, without repeated or missing samples; `drives.windows` makes drives
 """
 
 import csv
-import difflib
 import gzip
 import io
 import math
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from parameter_identification.drives.samples import Samples
 from tricycle_core.documents import check_texts, decode, parse_yaml, read_bounded, separator_of
-from tricycle_core.errors import IdentificationError
+from tricycle_core.errors import IdentificationError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 
@@ -276,9 +275,7 @@ def load_columns(path: Path | str) -> Columns:
 def _refuse_unknown(part: object, known: list[str], where: str) -> None:
     for name in part if isinstance(part, dict) else ():
         if name not in known:
-            near = difflib.get_close_matches(str(name), known, 1)
-            hint = f"is {near[0]} meant?" if near else f"there are: {', '.join(known)}"
-            raise IdentificationError(f"{where}: {name!r} is no entry; {hint}")
+            raise IdentificationError(f"{where}: {name!r} is not an entry; {hint(name, known)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,9 +438,9 @@ def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
     header = [cell.strip() for cell in lines[0]]
     for heading in sorted(headings):
         if heading not in header:
-            near = difflib.get_close_matches(heading, header, 1)
-            hint = f"is {near[0]!r} meant?" if near else f"there are: {reprlib.repr(header)}"
-            raise IdentificationError(f"{path}: column {heading!r} is missing; {hint}")
+            raise IdentificationError(
+                f"{path}: column {heading!r} is missing; {hint(heading, header)}"
+            )
         if header.count(heading) > 1:
             raise IdentificationError(f"{path}: column {heading!r} comes twice")
     at = {heading: header.index(heading) for heading in headings}

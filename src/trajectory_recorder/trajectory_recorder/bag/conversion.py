@@ -27,7 +27,7 @@ def convert(
     split_duration: float = 0.0,
     progress: Progress | None = None,
 ) -> int:
-    """Write the messages of one or several bags to a new one, by their stamps; return how many.
+    """Write the messages of one or several bags to a new one, by stamp; return their number.
 
     The new bag has the metadata on which those bags do not differ. Parts of a bag that is not whole
     are not whole either.
@@ -39,19 +39,19 @@ def convert(
     output : Path
         rosbag2 directory to create, with MCAP files.
     topics : collection of str, optional
-        Names of those wanted. Default: all.
+        Names of the topics to copy. Default: all.
     start : float
         Recorded time to leave out [s], latched topics excepted: they then come at the start.
     duration : float
         Recorded time to keep [s].
     compression : Compression
-        Of the chunks.
+        Compression of the chunks.
     split_size : int
-        Size of a file [bytes]; 0: no limit.
+        Size after which the next file is begun [bytes]; 0: no limit.
     split_duration : float
-        Duration of a file [s]; 0: no limit.
+        Duration after which the next file is begun [s]; 0: no limit.
     progress : callable, optional
-        Called with the number of messages looked at and in all.
+        Called with the number of messages read so far and of all.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def convert(
 
 
 def _metadata(readers: Sequence[BagReader]) -> dict[str, str]:
-    """What the recorders of all bags noted, without what they do not agree on."""
+    """Return the metadata that the recorders of all bags agree on."""
     found: dict[str, set[str]] = {}
     for reader in readers:
         for key, value in reader.metadata.items():

@@ -1,4 +1,4 @@
-"""Where a bag is: a path of this computer, or a URL."""
+"""Location of a bag: a path of this computer, or a URL."""
 
 import glob
 import re
@@ -24,7 +24,7 @@ def bag_path(text: str) -> Path:
     Returns
     -------
     path : Path
-        For a URL one of `upath`, which has the methods of a path.
+        Path, or for a URL an object of `upath`, which has the methods of a path.
 
     Raises
     ------
@@ -102,12 +102,12 @@ def _matched(pattern: str) -> list[str]:
 
 
 def bag_at(path: Path) -> Path | None:
-    """Return the bag that a folder or file of this computer is, or that a file is of.
+    """Return the bag at a path of this computer: the folder or file itself, or a file's folder.
 
     Parameters
     ----------
     path : Path
-        Of the folder or file; of others: None.
+        Path of a folder or file; for others the result is None.
     """
     if path.is_dir():
         parts = f"{glob.escape(path.name)}_*.mcap"  # of a recorder that was killed
@@ -124,7 +124,7 @@ def is_remote(path: Path) -> bool:
     Parameters
     ----------
     path : Path
-        Of `bag_path`.
+        Location from `bag_path`.
     """
     return not isinstance(path, Path)
 

@@ -17,7 +17,7 @@ _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML without merge keys, by which a small file describes an enormous document."""
+    """YAML loader without merge keys, with which a small file can make an enormous document."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         """Leave `<<` as it stands; it is then refused."""
@@ -29,12 +29,12 @@ def load_yaml(text: str | bytes) -> Any:
     Parameters
     ----------
     text : str or bytes
-        One document.
+        Text of one YAML document.
 
     Raises
     ------
     yaml.YAMLError
-        If it is none.
+        If the text is not such a document.
     """
     return yaml.load(text, Loader=_Loader)  # noqa: S506 - a safe loader
 
@@ -45,18 +45,18 @@ def dump_yaml(value: object) -> str:
     Parameters
     ----------
     value : dict, list, str, int, float, bool or None
-        Of plain types all through.
+        Value of plain types throughout.
     """
     return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False)).strip()
 
 
 def read_metadata(bag: Path) -> dict[str, Any]:
-    """Return the content of metadata.yaml; empty if there is none, as after a crash of rosbag2.
+    """Return the content of metadata.yaml; empty if it is missing, as after a crash of rosbag2.
 
     Parameters
     ----------
     bag : Path
-        rosbag2 directory.
+        The bag, a rosbag2 directory.
 
     Raises
     ------
@@ -77,9 +77,9 @@ def parse_metadata(text: bytes, place: str) -> dict[str, Any]:
     Parameters
     ----------
     text : bytes
-        The file's.
+        Content of the file.
     place : str
-        Of the file, for the message.
+        Path of the file, for the message.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def write_metadata(bag: Path, information: dict[str, Any]) -> None:
     Parameters
     ----------
     bag : Path
-        rosbag2 directory.
+        The bag, a rosbag2 directory.
     information : dict
         Entries of the format besides its version.
     """

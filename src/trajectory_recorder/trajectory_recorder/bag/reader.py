@@ -74,11 +74,11 @@ class RecordedMessage(NamedTuple):
     Attributes
     ----------
     topic : str
-        Its name.
+        Name of the topic.
     stamp : int
         Time of receipt by the recorder's clock [ns].
     data : bytes
-        Serialised (CDR).
+        Serialised message (CDR).
     """
 
     topic: str
@@ -139,20 +139,20 @@ class BagReader(Closing):
     Attributes
     ----------
     path : Path
-        The bag.
+        Path of the bag.
     topics : dict of str to Topic
-        By name; counts are those of the whole bag.
+        Topics by name; counts are those of the whole bag.
     metadata : dict of str to str
-        What the recorder noted about the drive.
+        Notes of the recorder about the drive.
     complete : bool
         False if a file was cut off, by a killed recorder for example, or is missing, the recorder
         lost messages, or the disk ended the recording; what is left is read.
     kind : str
-        How it is stored: "mcap", "sqlite3", ...
+        Storage format: "mcap", "sqlite3", ...
     files : list of Path
-        With the messages.
+        Files with the messages.
     size : int
-        Of these files [bytes].
+        Size of these files [bytes].
     span : (int, int) or None
         Smallest and largest stamp [ns]; None without messages.
 
@@ -277,7 +277,7 @@ def _open_storages(
         elif path.suffix == ".db3":
             yield _RosbagsStorage(path, [path])
         else:
-            raise BagError(f"{path} is not a bag: want a rosbag2 directory, .mcap or .db3 file")
+            raise BagError(f"{path} is not a bag: needs a rosbag2 directory, .mcap or .db3 file")
         return
     named = _named(information)
     compression = information.get("compression_mode", "")

@@ -35,7 +35,7 @@ def stream(content: Buffer) -> ReadDataStream:
     Parameters
     ----------
     content : bytes or memoryview
-        Without the head.
+        Content without the head.
     """
     return ReadDataStream(io.BytesIO(content))
 

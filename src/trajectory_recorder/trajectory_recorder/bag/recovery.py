@@ -13,14 +13,14 @@ from tricycle_core.quantities import Progress
 
 
 class Recovery(NamedTuple):
-    """What was recovered of a bag.
+    """Result of recovering a bag.
 
     Attributes
     ----------
     messages : int
-        Number of them.
+        Number of messages recovered.
     damage : tuple of BagError
-        One for each chunk, and each file of a split bag, that was left out.
+        One error for each chunk, and each file of a split bag, that was left out.
     """
 
     messages: int

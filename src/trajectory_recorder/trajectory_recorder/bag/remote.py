@@ -36,14 +36,14 @@ class RemoteFile:
     Parameters
     ----------
     path : Path
-        Of the file, from `bag_path`.
+        Location of the file, from `bag_path`.
 
     Attributes
     ----------
     size : int
-        Of the file [bytes].
+        Size of the file [bytes].
     fetched : int
-        Bytes of it that were received.
+        Number of bytes of it that were received.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class RemoteFile:
         Parameters
         ----------
         start : int
-            First byte.
+            Position of the first byte.
         size : int
             Number of bytes.
         """
@@ -151,12 +151,12 @@ def remote_files(path: Any) -> tuple[dict[str, Any], list[Path]]:
 
 
 def remote_state(path: Path) -> list[tuple[str, ...]]:
-    """Return what the server tells of a bag's files; it differs where one has changed.
+    """Return the server's state of each of a bag's files; it differs once a file has changed.
 
     Parameters
     ----------
     path : Path
-        Of the bag, from `bag_path`.
+        Location of the bag, from `bag_path`.
 
     Raises
     ------
@@ -189,14 +189,14 @@ def _listed(path: Any) -> list[str]:
 
 
 def patiently(path: object, ask: Callable[[], T]) -> T:
-    """Return what a server answers, after another try where that may help.
+    """Return a server's answer, after further tries where these may help.
 
     Parameters
     ----------
     path : object
-        What is asked for, for the message.
+        What is requested, for the message.
     ask : callable
-        Asks.
+        Sends the request and returns the answer.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def patiently(path: object, ask: Callable[[], T]) -> T:
 
 
 def _first(error: BaseException) -> BaseException:
-    """What led to an error: fsspec calls a web server that cannot be reached a file not found."""
+    """Return the root cause: fsspec reports a server that cannot be reached as a missing file."""
     while isinstance(error, FileNotFoundError) and error.__cause__ is not None:
         error = error.__cause__
     return error

@@ -40,16 +40,16 @@ class KnownHosts(SFTPFileSystem):
     Parameters
     ----------
     host : str
-        Name or address.
+        Name or address of the host.
     silence : float
         Time without an answer after which a request has failed [s].
     **options : object
-        Of `paramiko.SSHClient.connect`: ``username``, ``port``, ...
+        Further arguments of `paramiko.SSHClient.connect`: ``username``, ``port``, ...
 
     Raises
     ------
     PermissionError
-        If the host's key is not the known one, or the host lets nobody in.
+        If the host's key is not the known one, or the host refuses the login.
     """
 
     def __init__(self, host: str, *, silence: float, **options: Any) -> None:

@@ -1,4 +1,4 @@
-"""What a bag holds about a topic: type, definition, type hash, offered quality of service.
+"""Topics of a bag: type, definition, type hash, offered quality of service.
 
 rosbags is imported where it is used: it takes a while, and the types are wanted without it.
 """
@@ -159,22 +159,22 @@ class Topic:
     Attributes
     ----------
     name : str
-        Absolute: ``/odom``.
+        Absolute name: ``/odom``.
     type : str
-        ``nav_msgs/msg/Odometry``.
+        Type of its messages: ``nav_msgs/msg/Odometry``.
     definition : str
-        In ``.msg`` syntax with its dependencies; empty if unknown. Bytes of a binary definition
-        that are no text are surrogates (`surrogateescape`).
+        Definition of the type in ``.msg`` syntax with its dependencies; empty if unknown. Bytes of
+        a binary definition that are no text are surrogates (`surrogateescape`).
     type_hash : str
-        ``RIHS01_...``; empty if unknown.
+        Hash of the type: ``RIHS01_...``; empty if unknown.
     qos : tuple of OfferedQos
-        One per publisher when recording began.
+        Quality of service of each publisher when recording began.
     count : int
-        Messages in the bag.
+        Number of messages in the bag.
     encoding : str
-        Of the messages; other ones than CDR are copied, but not decoded.
+        Encoding of the messages; other ones than CDR are copied, but not decoded.
     definition_encoding : str
-        Of the definition, as MCAP names it: ``ros2msg``, ``ros2idl``, ``jsonschema``, ...
+        Encoding of the definition, as MCAP names it: ``ros2msg``, ``ros2idl``, ``jsonschema``, ...
     """
 
     name: str
@@ -192,7 +192,7 @@ class Topic:
         Parameters
         ----------
         other : Topic
-            Of the same name.
+            Topic of the same name.
 
         Raises
         ------
@@ -216,11 +216,11 @@ class Topic:
         Parameters
         ----------
         name : str
-            Of the topic.
+            Name of the topic.
         type_name : str
-            Of its messages; definition and hash are looked up.
+            Type of its messages; definition and hash are looked up.
         qos : tuple of OfferedQos
-            One per publisher.
+            Quality of service of each publisher.
 
         Raises
         ------
@@ -254,7 +254,9 @@ def _parts(type_name: str) -> tuple[str, str]:
     """Package and name of a message type; nothing else becomes a path or is imported."""
     found = re.fullmatch(r"([A-Za-z]\w*)/msg/([A-Za-z]\w*)", type_name, re.ASCII)
     if found is None:
-        raise BagError(f"{reprlib.repr(type_name)} is no message type, as in std_msgs/msg/String")
+        raise BagError(
+            f"{reprlib.repr(type_name)} is not a message type, as in std_msgs/msg/String"
+        )
     return found[1], found[2]
 
 
@@ -283,7 +285,7 @@ def message_class(type_name: str) -> type:
     Parameters
     ----------
     type_name : str
-        ``nav_msgs/msg/Odometry``.
+        Name of the type: ``nav_msgs/msg/Odometry``.
 
     Raises
     ------
@@ -304,7 +306,7 @@ def deserialize(type_name: str, data: bytes) -> Any:
     Parameters
     ----------
     type_name : str
-        ``nav_msgs/msg/Odometry``.
+        Name of the type: ``nav_msgs/msg/Odometry``.
     data : bytes
         Serialised message.
 

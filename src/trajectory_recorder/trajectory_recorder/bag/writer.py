@@ -112,7 +112,7 @@ class BagWriter(Closing):
     path : Path
         Directory to create; its parents are created too.
     compression : Compression
-        Of the chunks.
+        Compression of the chunks.
     chunk_size : int
         Size of a chunk before compression [bytes].
     split_size : int
@@ -181,14 +181,14 @@ class BagWriter(Closing):
         return topic_id
 
     def offered(self, topic_id: int, topic: Topic) -> None:
-        """Take note of how a topic is offered from now on, by more publishers for example.
+        """Note that a topic is offered otherwise from now on, for example by more publishers.
 
         Parameters
         ----------
         topic_id : int
-            From `add_topic`.
+            Number of the topic, from `add_topic`.
         topic : Topic
-            Of the same name and type.
+            Topic with the same name and type.
         """
         self._topics[topic_id - 1] = topic
         latched = self._latched.pop(topic_id, ())
@@ -202,11 +202,11 @@ class BagWriter(Closing):
         Parameters
         ----------
         topic_id : int
-            From `add_topic`.
+            Number of the topic, from `add_topic`.
         stamp : int
             Time of receipt [ns].
         data : bytes
-            Serialised (CDR).
+            Serialised message (CDR).
         """
         if self._split_due(stamp):
             self._split(stamp)
@@ -247,12 +247,12 @@ class BagWriter(Closing):
             file.close()
 
     def fail(self, reason: str) -> None:
-        """Close a bag that ends before it was meant to, and note why, as far as the disk takes it.
+        """Close a bag that ends early, and note why in its metadata if the disk allows it.
 
         Parameters
         ----------
         reason : str
-            For the metadata.
+            Reason, for the metadata.
         """
         self.metadata[FAILURE] = reason
         with suppress(OSError):
@@ -352,12 +352,12 @@ class BagWriter(Closing):
 
 @contextmanager
 def whole_or_none(writer: BagWriter) -> Iterator[BagWriter]:
-    """Close a bag when the block ends well, and remove it where the block raises.
+    """Close a bag when the block ends without an error; otherwise remove it.
 
     Parameters
     ----------
     writer : BagWriter
-        Of a bag that can be made again.
+        Writer of a bag that can be made again.
 
     Yields
     ------

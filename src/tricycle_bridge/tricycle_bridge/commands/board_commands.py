@@ -28,12 +28,12 @@ from tricycle_bridge.settings import UNCHECKED_SUPPLY, BridgeSettings
 
 
 def board_setup(board: Board, settings: BridgeSettings) -> BoardSetup:
-    """Return what a board is told about the vehicle at the begin of each session.
+    """Return the message that sets up a board for the vehicle at the start of each session.
 
     Parameters
     ----------
     board : Board
-        Steer or drive.
+        Board that is set up.
     settings : BridgeSettings
         The vehicle's limits, drive, mass and supplies.
     """
@@ -77,7 +77,7 @@ def steer_command(command: VehicleCommand, settings: BridgeSettings, flags: int)
     Parameters
     ----------
     command : VehicleCommand
-        What is wanted; the angle is limited.
+        Command for the vehicle; its angle is limited.
     settings : BridgeSettings
         Largest steering rate.
     flags : int
@@ -96,9 +96,9 @@ def drive_command(
     Parameters
     ----------
     command : VehicleCommand
-        What is wanted; the speed is limited.
+        Command for the vehicle; its speed is limited.
     settings : BridgeSettings
-        Largest acceleration.
+        Settings of the bridge, among them the largest acceleration.
     flags : int
         Bits of `CommandFlag`.
     gear : Gear

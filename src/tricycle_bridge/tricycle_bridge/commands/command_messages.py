@@ -24,16 +24,16 @@ def joint_command(
     Parameters
     ----------
     names : sequence of str
-        Joints; others than the two are ignored.
+        Names of the joints; others than the two are ignored.
     positions, velocities : sequence of float
-        By joint [rad, rad/s].
+        Position [rad] and velocity [rad/s] of each joint.
     tyre_radius : float
         Radius of the rear wheel [m].
 
     Raises
     ------
     LinkError
-        A joint or its value is missing, stands there twice, or is not finite.
+        If a joint or its value is missing, stands there twice, or is not finite.
     """
     names = list(names)
     for joint in JOINTS:
@@ -64,18 +64,18 @@ def twist_command(
     speed : float
         Speed [m/s], forward positive.
     wanted : float
-        Turn rate [rad/s], left positive.
+        Commanded turn rate [rad/s], left positive.
     settings : BridgeSettings
-        Largest steering angle.
+        Settings of the bridge, among them the largest steering angle.
     geometry : TurningGeometry
-        How the vehicle turns.
+        Relation of steering angle and curvature.
     resting_angle : float
         Angle of the steering motor at speed 0 [rad].
 
     Raises
     ------
     LinkError
-        A value is not finite, or the steering cannot give the turn rate.
+        If a value is not finite, or the steering cannot give the turn rate.
     """
     for name, value in (("speed", speed), ("turn rate", wanted)):
         if not math.isfinite(value):
@@ -98,9 +98,9 @@ def limit_refusal(command: VehicleCommand, settings: BridgeSettings) -> str | No
     Parameters
     ----------
     command : VehicleCommand
-        What is wanted.
+        Command to check.
     settings : BridgeSettings
-        The limits.
+        Settings of the bridge, with the limits.
     """
     angle, speed = command.steering_motor_angle, command.speed
     if abs(angle) > settings.max_steering_angle + ANGLE_UNIT:

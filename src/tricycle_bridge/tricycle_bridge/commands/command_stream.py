@@ -35,7 +35,7 @@ CONFLICT_TIME = 1.0
 
 @dataclass(frozen=True)
 class VehicleCommand:
-    """What a commander wants the vehicle to do.
+    """Command of a commander for the vehicle.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class VehicleCommand:
     Raises
     ------
     LinkError
-        A value is not finite.
+        If a value is not finite.
     """
 
     steering_motor_angle: float
@@ -67,12 +67,12 @@ class Source(enum.Enum):
 
 
 class Commander(NamedTuple):
-    """Who sends commands.
+    """Sender of commands.
 
     Attributes
     ----------
     source : Source
-        Topic.
+        Topic on which the commands come.
     name : str
         Name that the commander gives itself; empty if it gives none.
     """
@@ -87,7 +87,7 @@ class Commander(NamedTuple):
 
 @dataclass
 class CommandCounters:
-    """What happened to the commanders' messages.
+    """Numbers of the commanders' messages, by what happened to them.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class CommandCounters:
     stale : int
         Messages without a stamp, older than `INPUT_AGE` or more than `INPUT_LEAD` ahead.
     refused : int
-        Messages that ask for what cannot be, or come from a second commander.
+        Messages with a command that is impossible, or from a second commander.
     """
 
     accepted: int = 0
@@ -119,7 +119,7 @@ class CommandStream:
     Attributes
     ----------
     counters : CommandCounters
-        What happened to the messages.
+        Numbers of messages, by what happened to them.
     commander : Commander or None
         Who commands the armed vehicle; only `release` and `unlock` change it.
     """
@@ -199,18 +199,18 @@ class CommandStream:
     def add(
         self, command: VehicleCommand, *, stamp: float, now: float, commander: Commander
     ) -> str | None:
-        """Take a commander's message, or say why it is refused.
+        """Take a commander's message, or return why it is refused.
 
         Parameters
         ----------
         command : VehicleCommand
-            What is wanted.
+            Command in the message.
         stamp : float
-            Time at which it was wanted [s]; 0 if the message has no stamp.
+            Stamp of the message [s]; 0 if it has none.
         now : float
             Time of arrival [s].
         commander : Commander
-            Who wants it.
+            Sender of the message.
 
         Returns
         -------
@@ -225,16 +225,16 @@ class CommandStream:
     def refuse(
         self, standstill: VehicleCommand, *, stamp: float, now: float, commander: Commander
     ) -> str | None:
-        """Take a message that cannot be obeyed as the commander's wish to stand still.
+        """Take a message that cannot be obeyed as a command to stand still.
 
         Parameters
         ----------
         standstill : VehicleCommand
-            What is commanded instead.
+            Command that takes its place.
         stamp, now : float
             Time at which the message was sent, time of arrival [s].
         commander : Commander
-            Who sent it.
+            Sender of the message.
 
         Returns
         -------

@@ -13,7 +13,7 @@ from tricycle_core.errors import LinkError
 
 @dataclass(frozen=True)
 class TurningGeometry:
-    """How the vehicle turns without tyre slip; the node has a parameter of each name.
+    """Relation of steering angle and curvature without tyre slip; the node has these parameters.
 
     The defaults are those of the packaged tricycle. Between two angles it interpolates linearly.
 

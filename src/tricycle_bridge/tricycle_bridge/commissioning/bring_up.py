@@ -58,9 +58,9 @@ class Step:
     Attributes
     ----------
     name : str
-        What is checked.
+        What the step checks.
     run : callable
-        Takes the stand, returns what was measured, raises `CheckFailedError`.
+        Takes the stand, returns the measured values, raises `CheckFailedError`.
     """
 
     name: str
@@ -313,19 +313,19 @@ STEPS = (
 
 
 def bring_up(stand: PortStand, steps: tuple[Step, ...] = STEPS) -> Iterator[StepResult]:
-    """Make the steps in their order, up to the first that does not pass.
+    """Run the steps in their order, up to the first that does not pass.
 
     Parameters
     ----------
     stand : PortStand
         Both boards and the engineer.
     steps : tuple of Step
-        The steps.
+        Steps to run.
 
     Yields
     ------
     result : StepResult
-        What each step gave, when it ends.
+        Result of each step, as soon as it ends.
     """
     for step in steps:
         try:

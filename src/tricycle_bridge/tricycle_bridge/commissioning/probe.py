@@ -22,7 +22,7 @@ class PortProbe(Closing):
     Parameters
     ----------
     path : str
-        Serial device.
+        Path of the serial device.
     baud : int
         Bits per second.
     boot_wait : float

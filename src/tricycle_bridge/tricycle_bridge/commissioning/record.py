@@ -20,16 +20,16 @@ _DAY = timedelta(days=1)
 
 @dataclass(frozen=True)
 class StepResult:
-    """What a step of the bring-up gave.
+    """Result of a step of the bring-up.
 
     Attributes
     ----------
     name : str
-        What was checked.
+        What the step checked.
     passed : bool
         Whether it passed.
     measured : dict
-        What was measured, by name with unit.
+        Measured values, by name with unit.
     problem : str
         Why it did not pass; empty if it did.
     """
@@ -47,19 +47,19 @@ class BringUpRecord:
     Attributes
     ----------
     engineer : str
-        Who did it.
+        Name of the engineer.
     time : str
         When it ended, ISO 8601 with the offset from UTC.
     steer_firmware, drive_firmware : str
         Version and build of each board.
     steps : tuple of StepResult
-        In the order in which they were made; it ends with the first that did not pass.
+        Results of the steps in their order; the last one is the first that did not pass.
     complete : bool
-        Whether every step was made and passed.
+        Whether every step was run and passed.
     format : str
-        Of the file.
+        Name and version of the file format.
     digest : str
-        SHA-256 of all else, so that a later change by hand is noticed.
+        SHA-256 of everything else in the file, which reveals a later change by hand.
     """
 
     engineer: str
@@ -107,14 +107,14 @@ def _digest(record: BringUpRecord) -> str:
 
 
 def write_record(path: Path, record: BringUpRecord) -> BringUpRecord:
-    """Write a record with its digest, and return that; an older file is replaced whole.
+    """Write a record with its digest, and return the digest; an older file is replaced.
 
     Parameters
     ----------
     path : Path
         File to write.
     record : BringUpRecord
-        The record.
+        Record to write.
     """
     sealed = replace(record, digest=_digest(record))
     write_whole(path, json.dumps(encode(sealed), indent=2) + "\n")

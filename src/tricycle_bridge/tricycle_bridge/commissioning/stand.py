@@ -37,7 +37,7 @@ class PortStand(Closing):
     paths : dict of Board to str
         Serial device of each board.
     settings : BridgeSettings
-        The vehicle.
+        Settings of the bridge for the vehicle.
     say : callable
         Shows a text to the engineer.
     baud : int
@@ -118,7 +118,7 @@ class PortStand(Closing):
         Parameters
         ----------
         board : Board
-            The board.
+            Board, steer or drive.
         """
         identity = self._bridge.links[board].identity
         if identity is None:
@@ -135,14 +135,14 @@ class PortStand(Closing):
         return time.monotonic()
 
     def wait(self, seconds: float, until: Callable[[], bool]) -> bool:
-        """Run until something holds, at most so long; return whether it does.
+        """Run until a condition holds or the time is over; return whether it holds.
 
         Parameters
         ----------
         seconds : float
             Longest time [s].
         until : callable
-            What is waited for.
+            Condition that is waited for.
         """
         end = self.now() + seconds
         while not until():
@@ -162,14 +162,14 @@ class PortStand(Closing):
         return outcomes[0].text if outcomes else "the boards do not answer"
 
     def command(self, angle: float, speed: float) -> None:
-        """Command from now on.
+        """Set the command that is sent from now on.
 
         Parameters
         ----------
         angle : float
-            Of the steering motor [rad].
+            Angle of the steering motor [rad].
         speed : float
-            Of the wheel [m/s].
+            Speed of the wheel at its tread [m/s].
         """
         self._command = VehicleCommand(angle, speed)
 

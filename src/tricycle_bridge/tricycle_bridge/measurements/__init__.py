@@ -1,1 +1,1 @@
-"""What the boards report: joined into joint readings, and held against other sensors."""
+"""Measurements of the boards: joined into joint readings, and compared with other sensors."""

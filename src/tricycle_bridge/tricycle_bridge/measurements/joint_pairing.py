@@ -29,7 +29,7 @@ class JointReading(NamedTuple):
     name : str
         One of `tricycle_core.joints.JOINTS`.
     position : float
-        Angle [rad].
+        Angle of the joint [rad].
     velocity : float
         Angular velocity [rad/s].
     """
@@ -67,8 +67,8 @@ def joint_reading(
     telemetry : SteerState or DriveState
         State frame of the board.
     limits : SteerLimits or DriveLimits, optional
-        What the board answered to LIMITS_REQ; the drive's hold the travel per hall pulse that the
-        board counts its speed with, which is its own until it is set up.
+        The board's answer to LIMITS_REQ; the drive's hold the travel per hall pulse that the board
+        counts its speed with, which is its own until it is set up.
     tyre_radius : float
         Radius of the rear wheel [m].
     hall_pulse : float
@@ -113,7 +113,7 @@ class JointPairing:
         board : Board
             Board that measured it.
         reading : JointReading
-            What it measured.
+            Measured state of its joint.
         stamp : float
             Time of measurement on the host's clock [s].
         partner_up : bool

@@ -54,12 +54,12 @@ class StartWatch:
         self._speed = self._travel = 0.0  # m/s and m since the brake was released
 
     def add_force(self, force: float, now: float) -> None:
-        """Take a specific force of the IMU; one that is not finite counts as none.
+        """Take a specific force of the IMU; one that is not finite is ignored.
 
         Parameters
         ----------
         force : float
-            Forward [m/s^2].
+            Specific force, forward positive [m/s^2].
         now : float
             Time of arrival [s].
         """
@@ -76,12 +76,12 @@ class StartWatch:
             self._gravity += (force - self._gravity) * min(elapsed / min(self._rest, _LAG), 1.0)
 
     def look(self, state: DriveState | None) -> None:
-        """Look at the drive PLC; sets `problem`.
+        """Check the drive PLC's state; sets `problem`.
 
         Parameters
         ----------
         state : DriveState or None
-            Its telemetry; None if it is not fresh.
+            Telemetry of the drive PLC; None if it is not fresh.
         """
         if state is None or state.hall_count != self._count:
             self._count = None if state is None else state.hall_count

@@ -81,7 +81,7 @@ class Handshake:
         frame : Frame
             Frame of the answer.
         ack : HelloAck
-            The answer.
+            Decoded answer.
         """
         if frame.major != MAJOR:
             return (

@@ -131,15 +131,15 @@ class LinkEvent(NamedTuple):
     Attributes
     ----------
     kind : LinkEventKind
-        What happened.
+        Kind of the event.
     text : str
         Text for a person; empty for TELEMETRY and OPERATION.
     operation : OperationOutcome or None
-        Of OPERATION.
+        For OPERATION: how the operation ended.
     state : SteerState or DriveState or None
-        Of TELEMETRY.
+        For TELEMETRY: state that the board reports.
     stamp : float
-        Time of measurement on the host's clock [s], of TELEMETRY.
+        For TELEMETRY: time of measurement on the host's clock [s].
     """
 
     kind: LinkEventKind
@@ -151,7 +151,7 @@ class LinkEvent(NamedTuple):
 
 @dataclass
 class LinkCounters:
-    """What happened on a link, host side; the decoder has counters of its own.
+    """Counters of a link on the host's side; the decoder has counters of its own.
 
     Attributes
     ----------
@@ -189,14 +189,15 @@ class PlcLink:
     boot_wait : float
         Silence after opening [s]: a UNO resets on DTR and stays in its bootloader for about 2 s.
     setup : SteerSetup or DriveSetup, optional
-        What the PLC is told about the vehicle in each session; without it the PLC cannot be armed.
+        Message that sets up the PLC for the vehicle in each session; without it the PLC cannot be
+        armed.
 
     Attributes
     ----------
     state : LinkState
         State of the link.
     problem : str or None
-        What is wrong, for a person; None if nothing is known to be.
+        Problem of the link, for a person; None if none is known.
     set_up : bool
         Whether the PLC acknowledged its set-up in this session.
     setup_out_of_range : bool
@@ -204,7 +205,7 @@ class PlcLink:
     telemetry : SteerState or DriveState or None
         Newest state frame of this session.
     identity : HelloAck or None
-        What the PLC answered to HELLO in this session.
+        The PLC's answer to HELLO in this session.
     answered_by : Board or None
         PLC that answered the last handshake, also one that was refused.
     limits : SteerLimits or DriveLimits or None
@@ -216,7 +217,7 @@ class PlcLink:
     decoder : FrameDecoder
         Decoder of what the port receives; it holds the session and its own counters.
     counters : LinkCounters
-        What happened on the link.
+        Counters of the link on the host's side.
     """
 
     def __init__(
@@ -328,7 +329,7 @@ class PlcLink:
         Parameters
         ----------
         op : Op
-            The operation.
+            Operation, e.g. ARM.
         now : float
             Present time [s].
         """
@@ -351,7 +352,7 @@ class PlcLink:
         Parameters
         ----------
         data : bytes
-            What arrived, cut anywhere.
+            Received bytes; they may begin and end anywhere in a frame.
         now : float
             Time of arrival [s].
         """

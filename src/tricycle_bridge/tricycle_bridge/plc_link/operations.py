@@ -20,12 +20,12 @@ RESENDS = 3
 
 @dataclass(frozen=True)
 class OperationOutcome:
-    """How an operation ended.
+    """Outcome of an operation.
 
     Attributes
     ----------
     op : Op
-        The operation.
+        Operation that ended.
     result : Result or None
         Result in the ACK; None if none came.
     """
@@ -65,7 +65,7 @@ class OperationQueue:
         Parameters
         ----------
         op : Op
-            The operation.
+            Operation, e.g. ARM.
         now : float
             Present time [s].
         """
@@ -86,14 +86,14 @@ class OperationQueue:
         return None
 
     def acknowledge(self, ack: Ack, now: float) -> OperationOutcome | None:
-        """Take an ACK; return the operation that it ends, None if it answers an older one.
+        """Take an ACK; return the operation that it ends, or None if it answers an older one.
 
         An operation whose echo was too old is sent again like one without an answer.
 
         Parameters
         ----------
         ack : Ack
-            The answer.
+            Acknowledgement of the PLC.
         now : float
             Present time [s].
         """

@@ -40,7 +40,7 @@ class Frame(NamedTuple):
     Attributes
     ----------
     message : Message
-        Decoded payload.
+        Decoded message.
     board : Board
         PLC that sent or receives it.
     seq : int
@@ -60,22 +60,24 @@ class Frame(NamedTuple):
 
 @dataclass
 class DecoderCounters:
-    """What a decoder did with the segments between delimiters.
+    """Results of decoding the segments between delimiters.
 
     Attributes
     ----------
     ok : int
         Decoded frames.
     length : int
-        Too long, too short, or payload shorter than the message table says.
+        Segments that are too long or too short, or whose payload is shorter than in the message
+        table.
     cobs, crc : int
-        Damaged.
+        Segments with a COBS error, and with a wrong checksum.
     version : int
-        Another major version.
+        Frames of another major version.
     unknown : int
-        For another board, in the other direction, or an id that is not in the message table.
+        Frames for another board, in the other direction, or with an id that is not in the message
+        table.
     session : int
-        Another session.
+        Frames of another session.
     """
 
     ok: int = 0
@@ -98,7 +100,7 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
     Parameters
     ----------
     message : Message
-        What to send; its id determines the direction bit.
+        Message to send; its id determines the direction bit.
     board : Board
         PLC that sends or receives it; `Board.ANY` in a HELLO to any board.
     seq : int
@@ -116,7 +118,7 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
     Raises
     ------
     LinkError
-        A value does not fit its field.
+        If a value does not fit its field.
     """
     ver_node = major << 5 | from_plc(message.ID) << 4 | board
     raw = _HEADER.pack(ver_node, message.ID, seq, session) + message.payload()
@@ -140,7 +142,7 @@ class FrameDecoder:
     Attributes
     ----------
     counters : DecoderCounters
-        What became of the segments.
+        Numbers of segments, by the result of decoding.
     session : int
         The present session, kept by the owner; 0 = none.
     """

@@ -187,14 +187,14 @@ class WireType:
 
 @dataclass(frozen=True)
 class Unit:
-    """What one count of a field stands for.
+    """Physical value of one count of a field.
 
     Attributes
     ----------
     scale : float
-        Amount per count.
+        Value of one count, in the unit `symbol`.
     symbol : str
-        Unit of the amount, e.g. ``m/s``.
+        Symbol of the unit, e.g. ``m/s``.
     """
 
     scale: float
@@ -354,9 +354,9 @@ class Control(Message):
         Parameters
         ----------
         op : int
-            The operation.
+            Operation, e.g. ARM.
         number : int
-            Counts operations, modulo 256.
+            Number of the operation, modulo 256.
         echo : int
             `echo_of` the newest state frame's time.
         """

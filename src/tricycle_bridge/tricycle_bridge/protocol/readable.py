@@ -24,7 +24,7 @@ def readable_fields(message: Message) -> dict[str, str]:
     Parameters
     ----------
     message : Message
-        Any message.
+        Message of any type.
 
     Examples
     --------
@@ -57,9 +57,9 @@ def readable_value(message: Message, name: str) -> str:
     Parameters
     ----------
     message : Message
-        Any message.
+        Message of any type.
     name : str
-        Of the field.
+        Name of the field.
     """
     meaning = meanings(type(message))[name]
     if not isinstance(meaning, Unit):
@@ -151,7 +151,7 @@ def firmware_version(identity: HelloAck) -> str:
     Parameters
     ----------
     identity : HelloAck
-        What the PLC answered to HELLO.
+        The PLC's answer to HELLO.
     """
     return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
 
@@ -162,7 +162,7 @@ def firmware_build(identity: HelloAck) -> str:
     Parameters
     ----------
     identity : HelloAck
-        What the PLC answered to HELLO.
+        The PLC's answer to HELLO.
     """
     return f"{firmware_version(identity)} ({identity.build_hash:08x})"
 

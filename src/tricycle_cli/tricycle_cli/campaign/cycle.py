@@ -45,12 +45,12 @@ LOCK = "lock"
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known of a parameter, in its unit.
+    """Estimate of a parameter and its standard deviation, in its unit.
 
     Attributes
     ----------
     estimate : float
-        Of the parameter.
+        Estimated value.
     std : float
         Standard deviation of the estimate.
     """
@@ -72,7 +72,7 @@ class Campaign:
     folder : Path
         New, or that of an earlier campaign with the same settings.
     request : CampaignRequest
-        What is to be known, and how well.
+        Parameters to be known, and how to plan and identify.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Campaign:
         self.steps = steps
 
     def _drop_unneeded(self) -> None:
-        """Drop a plan that was not driven and is not asked for any more, with what was recorded."""
+        """Delete a plan that was not driven and is no longer needed, with its recording."""
         step = self.steps[-1] if self.steps else None
         if step is None or step.driven or step.identification is not None:
             return
@@ -292,7 +292,7 @@ class Campaign:
 
     @property
     def _found(self) -> IdentificationDocument | None:
-        """What all drives so far have shown; None before the first is identified."""
+        """Identification from all drives so far; None before the first one."""
         return self.steps[-1].identification if self.steps else None
 
     def _found_vehicle(self) -> Vehicle:
@@ -352,20 +352,20 @@ class Campaign:
         read: Callable[[Path, Vehicle], MeasuredDrive] | None = None,
         progress: Progress | None = None,
     ) -> dict[str, Knowledge]:
-        """Identify from all bags, unless that is done, and return what is known now.
+        """Identify from all bags, unless that is done, and return the knowledge of the parameters.
 
         Parameters
         ----------
         read : callable, optional
-            Reads a bag's drive for a vehicle; default: `read_measured_drive`, by `topics`.
+            Reads the drive of a bag for a vehicle; default: `read_measured_drive`, by `topics`.
         progress : callable, optional
-            As that of `parameter_identification.identification.identify`.
+            Progress callback, as in `parameter_identification.identification.identify`.
 
         Raises
         ------
         PlanError
-            If the bag of the last drive holds none that can be used, or it teaches nothing; the
-            bag is kept.
+            If the bag of the last drive holds no usable drive, or it determines nothing; the bag is
+            kept.
         """
         step = self.steps[-1]
         read = read or partial(read_measured_drive, topics=self.topics)

@@ -1,4 +1,4 @@
-"""What a campaign is asked for."""
+"""Request for a campaign: the parameters to be known, and how to plan and identify."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WAY_BACK = "way_back"
 
 @dataclass(frozen=True)
 class Settings:
-    """What must stay the same while a campaign goes on.
+    """Settings that must stay the same throughout a campaign.
 
     Attributes
     ----------
@@ -33,13 +33,13 @@ class Settings:
     families : tuple of str
         Names of the maneuver families.
     seed : int
-        Of the plans.
+        Seed of the plans.
     noise : MeasurementNoise
         Measurement that is planned for.
     true_seed : int, optional
-        Of the simulated vehicle's hidden parameters; None: the real vehicle.
+        Seed of the simulated vehicle's hidden true parameters; None: the real vehicle.
     ranges : mapping of str to (float, float)
-        The search box, by ``FAMILY.NAME``.
+        Range of each operation parameter, by ``FAMILY.NAME``.
     area : Area, optional
         Ground that the drives stay on.
     lead_in : float, optional
@@ -66,12 +66,12 @@ class Settings:
 
 @dataclass(frozen=True)
 class CampaignRequest:
-    """What is to be known, and how well.
+    """Parameters to be known with which tolerance, and how to plan, drive and identify.
 
     Attributes
     ----------
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     families : tuple of ManeuverFamily
         Maneuver families to choose from, for each drive anew.
     targets : tuple of str
@@ -79,28 +79,28 @@ class CampaignRequest:
     tolerance : float
         Half width of the 95 % interval, as a share of the estimate.
     most_drives : int
-        After so many drives the campaign ends, whatever is known.
+        Number of drives after which the campaign ends in any case.
     budget : int
         Simulations to plan one drive with, per family.
     seed : int
-        Same seed, same plans from the same bags.
+        Seed; the same seed and bags give the same plans.
     noise : MeasurementNoise
         How each drive will be measured.
     true_seed : int, optional
-        Of the simulated vehicle's hidden parameters; None: the real vehicle.
+        Seed of the simulated vehicle's hidden true parameters; None: the real vehicle.
     area : Area, optional
         Ground that the drives stay on.
     effects : tuple of str
-        What is estimated beside the parameters: of `EFFECTS`.
+        Effects that are estimated in addition to the parameters, from `EFFECTS`.
     weighed : bool
-        Whether by the average over all their subsets.
+        Whether results are averaged over all subsets of the effects.
     plan_effects : tuple of str
-        Of the same: what plans count as not known either.
+        Effects that plans count as unknown, from `EFFECTS`.
 
     Raises
     ------
     PlanError
-        If a target is no unknown parameter, or a number is impossible.
+        If a target is not an unknown parameter, or a number is impossible.
     """
 
     vehicle: Vehicle
@@ -150,11 +150,11 @@ class CampaignRequest:
         target : str
             Unknown parameter to excite.
         prior : BoxPrior, optional
-            What is known after earlier drives; None: the ranges of the vehicle.
+            Knowledge from earlier drives; None: uniform on the vehicle's ranges.
         vehicle : Vehicle, optional
-            With the effects that are known; default: that of the campaign.
+            Vehicle with the effects that are known; default: that of the campaign.
         seed : int
-            Of the search.
+            Seed of the search.
         known_effects : mapping of str to float, optional
             Standard deviations of effects after earlier drives, in their units.
         """
@@ -173,7 +173,7 @@ class CampaignRequest:
         )
 
     def settings(self) -> Settings:
-        """Return what must stay the same while a campaign goes on."""
+        """Return the settings that must stay the same throughout a campaign."""
         return Settings(
             vehicle=self.vehicle.name,
             vehicle_hash=self.vehicle.fingerprint,

@@ -1,4 +1,4 @@
-"""What a campaign has found: as JSON, as a table for the terminal and as a figure."""
+"""Results of a campaign as JSON, as a table for the terminal and as a figure."""
 
 import dataclasses
 import math
@@ -30,7 +30,7 @@ def campaign_report(campaign: Campaign, truth: Mapping[str, float] | None = None
     Parameters
     ----------
     campaign : Campaign
-        What to report.
+        Campaign to report.
     truth : mapping of str to float, optional
         Hidden true values, where they are known.
     """
@@ -75,7 +75,7 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
     Parameters
     ----------
     campaign : Campaign
-        What to show.
+        Campaign to show.
     truth : mapping of str to float, optional
         Hidden true values, where they are known.
     """
@@ -112,14 +112,14 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
 
 
 def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
-    """Draw drives and ways back on the area, to scale, as the localisation has seen the vehicle.
+    """Draw measured drives and ways back on the area, to scale.
 
     Parameters
     ----------
     campaign : Campaign
-        What to show; its bags are read.
+        Campaign to show; its bags are read.
     area : Area
-        Where it was driven.
+        Area on which it was driven.
     path : Path
         Image to be written; its suffix gives the format.
     """
@@ -170,12 +170,12 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
 
 
 def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:
-    """Estimate of each target drive by drive, and the half width of its 95 % interval.
+    """Plot the estimate of each target by drive, and the half width of its 95 % interval.
 
     Parameters
     ----------
     campaign : Campaign
-        What to show.
+        Campaign to show.
     truth : mapping of str to float, optional
         Hidden true values, where they are known.
     path : Path

@@ -18,33 +18,33 @@ MAX_BYTES = 64_000_000
 
 @dataclass(frozen=True)
 class Step:
-    """One drive.
+    """One drive of the campaign.
 
     Attributes
     ----------
     target : str
         Parameter that it was planned for.
     plan, bag : str
-        Files, relative to the campaign's folder.
+        Paths of the plan and the bag, relative to the campaign's folder.
     maneuver : str
-        Name of the family.
+        Name of the maneuver family.
     operation : mapping of str to float
-        Operation parameters.
+        Value of each operation parameter.
     plan_id : str
         Id of the plan.
     duration : float
-        Of the maneuver [s]; after the identification, as far as it was driven.
+        Duration of the maneuver [s]; after the identification, of the part that was driven.
     predicted_std : mapping of str to float
         Expected standard deviation of each parameter after it, in its unit.
     driven : bool
-        Whether it was driven to its end; its bag is never deleted.
+        Whether it was driven to its end; the bag is then never deleted.
     identification : IdentificationDocument, optional
-        What is known after it; None: not yet identified.
+        Result after this drive; None: not yet identified.
 
     Raises
     ------
     PlanError
-        If plan or bag is a file elsewhere: the bag of a drive that was cut off is deleted.
+        If plan or bag is outside of the folder: the bag of an incomplete drive is deleted.
     """
 
     target: str
@@ -66,18 +66,18 @@ class Step:
 
 @dataclass(frozen=True)
 class CampaignState:
-    """Content of the file.
+    """Content of the campaign's state file.
 
     Attributes
     ----------
     schema : int
         Version of this format.
     settings : Settings
-        Of the campaign.
+        Settings of the campaign.
     steps : tuple of Step
         Drives so far; the last one may be unfinished.
     topics : TopicNames
-        Names by which the bags are read.
+        Names of the topics in the bags.
     """
 
     schema: int = field(default=SCHEMA, kw_only=True)

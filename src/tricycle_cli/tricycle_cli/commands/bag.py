@@ -133,7 +133,7 @@ def run_info(args: argparse.Namespace) -> int:
 
 
 def _unusual(offered: Sequence[OfferedQos]) -> list[str]:
-    """What of the quality of service is not reliable and volatile, in words."""
+    """Return in words how a quality of service differs from reliable and volatile."""
     words = {"latched" if qos.latched else "" for qos in offered}
     words |= {"" if qos.reliability == "reliable" else qos.reliability for qos in offered}
     return sorted(word.replace("_", " ") for word in words - {""})

@@ -22,6 +22,7 @@ from tricycle_cli.arguments import (
     add_range_options,
     add_topic_options,
     add_vehicle_option,
+    at_least,
     describe_later,
     effects_asked,
     families_of,
@@ -30,7 +31,6 @@ from tricycle_cli.arguments import (
     real_time_factor,
     refuse_given,
     search_boxes,
-    seed,
     topics_of,
     warn_about,
 )
@@ -122,9 +122,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
-    add("--seed", type=seed, default=0, help="of the plans")
+    add("--seed", type=at_least(0), default=0, help="of the plans")
     add_noise_options(parser, {"": SIMULATED, "with --vehicle-nodes ": MeasurementNoise()})
-    add("--true-seed", type=seed, help="of the simulation's hidden true parameters")
+    add("--true-seed", type=at_least(0), help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
         type=real_time_factor,
@@ -228,7 +228,7 @@ def _share(text: str) -> float:
     try:
         return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
     except ValueError:
-        raise PlanError(f"tolerance {text!r}: want a share, as 5% or 0.05") from None
+        raise PlanError(f"tolerance {text!r}: needs a share, as 5% or 0.05") from None
 
 
 @contextlib.contextmanager

@@ -17,12 +17,12 @@ from tricycle_cli.arguments import (
     add_effects_option,
     add_overwrite_option,
     add_vehicle_option,
+    at_least,
     check_output_files,
     describe_later,
     effects_asked,
     parameter_name,
     real_time_factor,
-    seed,
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, write_whole
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="unknown parameter to excite",
     )
     add_vehicle_option(parser)
-    add("--seed", type=seed, default=0, help="of plan, random maneuver and hidden truth")
+    add("--seed", type=at_least(0), default=0, help="of plan, random maneuver and hidden truth")
     add(
         "--real-time-factor",
         type=real_time_factor,

@@ -7,10 +7,10 @@ from pathlib import Path
 from tricycle_cli.arguments import (
     OF_SIMULATION,
     add_vehicle_option,
+    at_least,
     namespace,
     real_time_factor,
     refuse_given,
-    seed,
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_vehicle_option(parser, "vehicle YAML, also of the running nodes")
     add("--plant", metavar="NAME", help=f"what the simulation drives (default: {OWN})")
-    add("--true-seed", type=seed, help="of the simulation's hidden true parameters")
+    add("--true-seed", type=at_least(0), help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
         type=real_time_factor,
@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the plan, as often as asked for, and say where the bags are.
+    """Drive the plan as often as asked for, and print the paths of the bags.
 
     Parameters
     ----------

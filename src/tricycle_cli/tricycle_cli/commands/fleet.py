@@ -19,9 +19,9 @@ from tricycle_cli.arguments import (
     add_topic_options,
     add_vehicle_option,
     add_workers_option,
+    at_least,
     check_output_files,
     parameter_names,
-    seed,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_workers_option(identify)
     add("--leave-out", action="store_true", help="leave bags out that cannot be used")
     add_other_vehicle_option(identify)
-    add("--seed", type=seed, default=0, help="of the starts")
+    add("--seed", type=at_least(0), default=0, help="of the starts")
     add("--json", action="store_true", help="print one JSON object")
     add(
         "--output",

@@ -15,12 +15,12 @@ from tricycle_cli.arguments import (
     add_topic_options,
     add_vehicle_option,
     add_workers_option,
+    at_least,
     bag_argument,
     check_output_files,
     effects_asked,
     parameter_names,
     positive_number,
-    seed,
     topics_of,
 )
 from tricycle_cli.drives import is_table, read_drives
@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "commands, as measured, or as measured where they are of another kind (default: either)",
     )
     add("--robust", action="store_true", help="hold outliers back")
-    add("--seed", type=seed, default=0, help="of the starts")
+    add("--seed", type=at_least(0), default=0, help="of the starts")
     add("--json", action="store_true", help="print one JSON object")
     add(
         "--output",

@@ -153,7 +153,7 @@ def _as_json(judgement: Judgement) -> dict[str, Any]:
 
 
 def _known(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values, with null for NaN, of which JSON knows nothing."""
+    """Return the values, with None for NaN: JSON has no NaN."""
     return {
         name: None if isinstance(value, float) and math.isnan(value) else value
         for name, value in values.items()

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show the run until Ctrl-C, or tell once what is heard.
+    """Show the run until Ctrl-C, or print the present state once.
 
     Parameters
     ----------

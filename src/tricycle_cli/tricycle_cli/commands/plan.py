@@ -22,6 +22,7 @@ from tricycle_cli.arguments import (
     add_overwrite_option,
     add_range_options,
     add_vehicle_option,
+    at_least,
     check_output_files,
     describe_later,
     families_of,
@@ -30,7 +31,6 @@ from tricycle_cli.arguments import (
     parse_assignments,
     refuse_given,
     search_boxes,
-    seed,
     warn_about,
 )
 from tricycle_cli.progress import progress_bar
@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "counted by the criteria c, d and a as not known either (default: none)",
     )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
-    add("--seed", type=seed, help="same seed, same plan")
+    add("--seed", type=at_least(0), help="same seed, same plan")
     for option, text in (
         ("samples", "for criterion h: simulations per maneuver"),
         ("budget", "largest number of simulations"),
@@ -142,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
     if args.show:
         if args.show[0] != "show" or len(args.show) != 2:
             raise PlanError(
-                f"{' '.join(args.show)!r}: want `tricycle plan show FILE`, or options only"
+                f"{' '.join(args.show)!r}: needs `tricycle plan show FILE`, or options only"
             )
         of_planning = [name for name in vars(args) if name not in OF_SHOW]
         refuse_given(args, of_planning, "`plan show FILE` plans nothing; leave it out")
@@ -291,7 +291,7 @@ def _summary(plan: Plan) -> str:
 
 
 def _search_summary(plan: Plan) -> str:
-    """How the maneuvers of the plan's set were found."""
+    """Return in words how the maneuvers of the plan's set were found."""
     predicted = (
         ""
         if plan.predicted_cost is None

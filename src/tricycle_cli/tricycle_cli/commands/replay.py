@@ -90,5 +90,5 @@ def run(args: argparse.Namespace) -> int:
 
 def _remapping(text: str) -> str:
     if not re.fullmatch(r"(/\w+)+:=(/\w+)+", text):
-        raise argparse.ArgumentTypeError(f"{text!r}: want /old:=/new")
+        raise argparse.ArgumentTypeError(f"{text!r}: needs /old:=/new")
     return text

@@ -29,7 +29,6 @@ from tricycle_cli.arguments import (
     parse_assignments,
     ranges_of,
     refuse_given,
-    seed,
     warn_about,
 )
 from tricycle_cli.progress import progress_bar
@@ -94,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="draw N vehicles from the unknown's ranges",
     )
-    add("--seed", type=seed, default=0, help="of the draw (default: %(default)s)")
+    add("--seed", type=at_least(0), default=0, help="of the draw (default: %(default)s)")
     add("--output", type=_output, required=True, metavar="FILE", help=", ".join(SUFFIXES))
     add(
         "--plot",
@@ -185,7 +184,7 @@ def _check_size(samples: int, commands: Commands) -> None:
 
 
 def _feasibility(feasibility: Feasibility) -> dict[str, Any]:
-    """What the drive asked for: why it is infeasible, and the worst of it with time and place."""
+    """Return why samples are infeasible, and the worst values with time and place."""
     return {
         "feasible": int(feasibility.feasible.sum()),
         "reasons": [

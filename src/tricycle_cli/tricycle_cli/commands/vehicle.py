@@ -102,7 +102,7 @@ def run_new(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file is there already, there is nobody to ask, or the answers make no vehicle.
+        If the file exists, there is no terminal to ask at, or the answers do not make a vehicle.
     """
     from tricycle_cli.new_vehicle import ask, from_answers, from_file
 
@@ -110,7 +110,9 @@ def run_new(args: argparse.Namespace) -> int:
     if args.source is not None:
         text = from_file(args.source, args.output.stem)
     elif not sys.stdin.isatty():
-        raise VehicleError("vehicle new asks questions, and this is no terminal: give --from FILE")
+        raise VehicleError(
+            "vehicle new asks questions, and this is not a terminal: give --from FILE"
+        )
     else:
         try:
             text = from_answers(ask(input, lambda problem: print(f"  {problem}", file=sys.stderr)))
@@ -133,7 +135,7 @@ def run_export_fmu(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file is there already, or there is no C compiler.
+        If the file exists, or there is no C compiler.
     """
     from tricycle_sim.fmi.export import export_fmu
 

@@ -1,1 +1,1 @@
-"""What the operator does: start nodes, arm, drive, record, watch."""
+"""Operation of the vehicle: start nodes, arm, drive, record, watch."""

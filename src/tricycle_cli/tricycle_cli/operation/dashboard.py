@@ -1,4 +1,4 @@
-"""What a live run looks like in a terminal: links, maneuver, speeds, progress."""
+"""Display of a live run in a terminal: links, maneuver, speeds, progress."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -33,11 +33,11 @@ class DiagnosticEntry:
     Attributes
     ----------
     level : Level
-        How that part of the system is.
+        Level of that part of the system.
     message : str
-        The same in words.
+        The state in words.
     heard : float
-        When it came [s], on the clock of the dashboard.
+        Time of receipt [s], on the clock of the dashboard.
     """
 
     level: Level
@@ -51,9 +51,9 @@ def diagnostic_entries(statuses: Iterable[Any], heard: float) -> dict[str, Diagn
     Parameters
     ----------
     statuses : iterable of DiagnosticStatus
-        As the message has them.
+        Statuses of a DiagnosticArray.
     heard : float
-        When it came [s].
+        Time of receipt [s], on the clock of the dashboard.
     """
     return {s.name: DiagnosticEntry(Level.of(s.level), s.message, heard) for s in statuses}
 
@@ -83,9 +83,9 @@ class OdometryReading:
     x, y : float
         Position [m].
     speed : float
-        Forward positive [m/s].
+        Speed, forward positive [m/s].
     yaw_rate : float
-        Left positive [rad/s].
+        Yaw rate, left positive [rad/s].
     """
 
     x: float
@@ -101,7 +101,7 @@ class Dashboard:
     Attributes
     ----------
     diagnostics : dict of str to DiagnosticEntry
-        By name, `node: part`.
+        Newest diagnostics by name, `node: part`.
     maneuver : mapping of str to str
         Values of `maneuver/state`.
     commanded, measured : JointReading, optional
@@ -109,11 +109,11 @@ class Dashboard:
     odometry : OdometryReading, optional
         Newest pose and speed.
     heard : float, optional
-        When the newest message of any kind came [s].
+        Time of receipt of the newest message of any kind [s].
     learnt : str
-        What `identification/estimates` says.
+        Content of `identification/estimates`, in words.
     preflight : mapping of str to DiagnosticEntry
-        What `maneuver/preflight` says.
+        Content of `maneuver/preflight`, by name of the check.
     """
 
     diagnostics: dict[str, DiagnosticEntry] = field(default_factory=dict)
@@ -157,11 +157,11 @@ def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
     Parameters
     ----------
     dashboard : Dashboard
-        What to draw.
+        Dashboard to draw.
     now : float
-        Time [s], on the clock of the dashboard.
+        Present time [s], on the clock of the dashboard.
     where : str
-        Domain and namespace that it is of.
+        Domain and namespace of the nodes.
     """
     if dashboard.heard is None:
         news = Text(f"{where}: nothing heard yet", style="yellow")
@@ -229,7 +229,7 @@ def diagnostics_table(entries: Mapping[str, DiagnosticEntry], now: float) -> Ren
     Parameters
     ----------
     entries : mapping of str to DiagnosticEntry
-        By name, in the order of the rows.
+        Entries by name, in the order of the rows.
     now : float
         Present time on the clock of the entries [s].
     """

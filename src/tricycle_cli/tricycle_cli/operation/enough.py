@@ -1,4 +1,4 @@
-"""When a drive may end before its plan."""
+"""Conditions under which a drive may end before its plan."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,16 +6,16 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Enough:
-    """What a drive is to teach: it is ended when `identification_monitor` says that it has.
+    """Aim of a drive: `identification_monitor` says when it is reached, which ends the drive.
 
     Attributes
     ----------
     plan_file : Path
-        Of the drive.
+        Plan of the drive.
     known_file : Path, optional
-        Identification of earlier drives.
+        Identification from earlier drives.
     targets : tuple of str
-        Parameters that are to be known.
+        Parameters to be known within `tolerance`.
     tolerance : float
         Half width of their 95 % intervals, as a share of the estimates.
     """

@@ -26,19 +26,19 @@ from tricycle_core.nodes import LATCHED
 
 
 class Monitor(Closing):
-    """A node that only listens, and keeps what it heard in its `dashboard`.
+    """A node that only listens, and keeps the newest messages in its `dashboard`.
 
     Parameters
     ----------
     domain : int
         ROS domain id.
     namespace : str
-        Of the tricycle; empty for the root. Its diagnostics are in it too, as launched.
+        Namespace of the tricycle; empty for the root. Its diagnostics are in it too, as launched.
 
     Attributes
     ----------
     dashboard : Dashboard
-        What was heard.
+        Newest messages.
     """
 
     def __init__(self, *, domain: int, namespace: str = "") -> None:
@@ -109,7 +109,7 @@ class Monitor(Closing):
 
 
 def _joints(message: JointState) -> JointReading | None:
-    """The two joints; None where the message is of others."""
+    """Return the values of the two joints; None if the message is about others."""
     try:
         steering, wheel = map(list(message.name).index, JOINTS)
         return JointReading(message.position[steering], message.velocity[wheel])

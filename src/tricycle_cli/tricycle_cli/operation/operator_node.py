@@ -48,14 +48,14 @@ LOOK_AROUND = 10.0  # s of wall time in which the nodes of a domain are found at
 
 
 class Patience:
-    """How long something is waited for: so many seconds of wall time, and of a simulation's time.
+    """Longest time to wait for something, on the wall clock and on a simulation's clock.
 
     A simulation that runs slowly is waited for as long as its clock goes on.
 
     Parameters
     ----------
     seconds : float
-        On each clock [s].
+        Time to wait on each clock [s].
     clock : callable, optional
         Returns the simulated time [s]; None: there is none.
     """
@@ -90,7 +90,7 @@ class ServiceCaller:
     Parameters
     ----------
     node : Node
-        Whose clients these are.
+        Node that the clients belong to.
     wait : callable
         `wait(condition, what)` spins the node until the condition holds, or raises.
     """
@@ -108,9 +108,9 @@ class ServiceCaller:
         service : str
             Name, as `node/service`.
         kind : type
-            Of the service.
+            Type of the service.
         request : object
-            Its request.
+            Request of that type.
         """
         if service not in self._clients:
             greeting = f"{service.rpartition('/')[0]}/get_parameters"
@@ -140,7 +140,7 @@ class ServiceCaller:
 
 
 def refuse_company(domain: int, names: Collection[str], others: int) -> None:
-    """Raise an error if nodes run already in a domain where a simulation is to begin.
+    """Raise an error if nodes of a simulation to be started already run in the domain.
 
     Both would hear each other: a simulation would arm the vehicle.
 
@@ -149,9 +149,9 @@ def refuse_company(domain: int, names: Collection[str], others: int) -> None:
     domain : int
         ROS domain id.
     names : collection of str
-        Of the simulation's nodes.
+        Names of the simulation's nodes.
     others : int
-        How many processes communicate there: so many nodes are waited for.
+        Number of processes that communicate there: so many nodes are waited for.
 
     Raises
     ------
@@ -196,7 +196,7 @@ class Operator(Closing):
         Whether times are those of `/clock`, and a drive begins with a reset and arming. On the
         vehicle the person there has armed it.
     namespace : str
-        Of the vehicle's nodes; in one, their clock is there too.
+        Namespace of the vehicle's nodes; if there is one, their clock is in it too.
     """
 
     def __init__(
@@ -262,17 +262,17 @@ class Operator(Closing):
         Parameters
         ----------
         plan : Plan
-            What to drive.
+            Plan to drive.
         bag : Path
             New rosbag2 directory.
         progress : callable
-            Called with the time elapsed and the duration [ms of ROS time].
+            Called with the elapsed time and the duration [ms of ROS time].
         back : bool
             Whether the vehicle drives to the start by itself; a simulated one is not reset then.
         ask : callable, optional
-            Waits for the start signal, when the driver has the plan; before anything moves.
+            Waits for the start signal, once the driver has the plan; before anything moves.
         enough : Enough, optional
-            When the drive may be ended before the plan; `identification_monitor` must be running.
+            When the drive may end before the plan does; `identification_monitor` must be running.
 
         Raises
         ------
@@ -366,17 +366,17 @@ class Operator(Closing):
         self._set_parameters("tricycle_sim", real_time_factor=real_time_factor)
 
     def publishers(self, topic: str) -> set[str]:
-        """Return the names of the nodes that publish a topic, when there is one.
+        """Return the names of the nodes that publish a topic; waits until there is one.
 
         Parameters
         ----------
         topic : str
-            Name.
+            Name of the topic.
 
         Raises
         ------
         NodeError
-            If nobody does.
+            If no node publishes it.
         """
         self._patience = SILENCE_TIMEOUT  # it runs already, or never will
         found: set[str] = set()
@@ -397,9 +397,9 @@ class Operator(Closing):
         Parameters
         ----------
         node : str
-            Name.
+            Name of the node.
         names : sequence of str
-            Of its parameters.
+            Names of the parameters.
 
         Raises
         ------

@@ -73,7 +73,7 @@ def participants(domain: int) -> int:
     Parameters
     ----------
     domain : int
-        Its id.
+        ROS domain id.
     """
     found, first = 0, 7410 + 250 * domain
     # where each of them listens (DDSI-RTPS, section 9.6.1)
@@ -94,7 +94,7 @@ def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:
     domain : int
         ROS domain id; nodes of other domains are neither seen nor disturbed.
     log_dir : Path
-        Where ROS writes its logs.
+        Folder into which ROS writes its logs.
 
     Returns
     -------
@@ -126,12 +126,12 @@ def executable(name: str) -> str:
     Parameters
     ----------
     name : str
-        Of the executable.
+        Name of the executable.
 
     Raises
     ------
     NodeError
-        If it is installed at neither place.
+        If it is at neither place.
     """
     beside = Path(sys.executable).parent / name
     found = str(beside) if beside.exists() else shutil.which(name)
@@ -153,15 +153,15 @@ def run_in_foreground(
     Parameters
     ----------
     name : str
-        Executable.
+        Name of the executable.
     parameters : mapping of str to object
-        ROS parameters.
+        ROS parameters by name.
     remappings : sequence of str
-        Of topics, `/old:=/new`.
+        Remappings of topics, `/old:=/new`.
     duration : float
-        Wall time [s] after which the node is ended, once it has made `since`.
+        Wall time [s] after which the node is ended, counted from when `since` exists.
     since : Path
-        File or folder; by default one that is there.
+        File or folder that the node makes; by default one that exists.
 
     Returns
     -------
@@ -242,9 +242,9 @@ class NodeProcesses(Closing):
         Parameters
         ----------
         name : str
-            Of the node and its executable.
+            Name of the node and of its executable.
         config : str
-            Parameter file.
+            Path of the parameter file.
         parameters : mapping of str to object
             Parameters that override those of the file.
 

@@ -79,31 +79,32 @@ def simulated_session(
     monitor: bool = False,
     noise_seed: int = -1,
 ) -> Iterator[DrivePlan]:
-    """Start simulation, bridge, driver and recorder; end them all with the block.
+    """Start simulation, bridge, driver and recorder; end them all when the block ends.
 
     Parameters
     ----------
     vehicle_file : Path, optional
         Vehicle YAML; None: the packaged tricycle.
     true_seed : int
-        Of the hidden true parameters; negative: the nominal ones.
+        Seed of the hidden true parameters; negative: the nominal ones.
     real_time_factor : float
         Largest ratio of simulated to wall time during a drive; an armed simulation also waits for
         its host.
     folder : Path
-        For logs and the links to the ptys.
+        Folder for logs and the links to the ptys.
     firmware : Path, optional
         Build of the real firmware to run on simulated UNOs; None: emulated PLCs.
     plant : str
-        What the boards drive.
+        Name of the plant that the boards drive.
     back : Path, optional
         Makes the vehicle drive to the start of each further drive, and at the end to that of the
         last one, instead of being put there: the folder for the bag of this last way.
     monitor : bool
-        Whether `identification_monitor` runs too, so that drives can end when they taught enough.
+        Whether `identification_monitor` runs too, so that a drive can end once it has determined
+        enough.
     noise_seed : int
-        Of the sensors' noise; negative: another one in every session, so that the drives of two
-        tell two different things.
+        Seed of the sensors' noise; negative: another one in every session, so that the drives of
+        two sessions are independent.
 
     Yields
     ------
@@ -190,9 +191,9 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges of its unknown parameters.
+        Vehicle with the ranges of its unknown parameters.
     true_seed : int
-        Of the draw from them; negative: the nominal values.
+        Seed of the random values; negative: the nominal values.
     """
     if true_seed < 0:
         return vehicle.nominal
@@ -208,11 +209,11 @@ def running_session(
     Parameters
     ----------
     vehicle : Vehicle, optional
-        For which the bridge has to be started; None: any.
+        Vehicle for which the bridge must have been started; None: any.
     namespace : str
-        Of those nodes.
+        Namespace of those nodes.
     ask : bool
-        Whether each drive waits for somebody to say that the vehicle is ready.
+        Whether each drive waits for a person to confirm that the vehicle is ready.
     back : Path, optional
         Makes the vehicle drive to the start of each drive by itself, and back at the end: the
         folder for the bag of this last way. Without an area somebody puts it at the first start.

@@ -30,11 +30,11 @@ def figures_by_file(
     Parameters
     ----------
     sections : sequence of Section
-        Of the report.
+        Sections of the report.
     folder : Path
-        Of the files.
+        Folder of the files.
     suffix : str
-        svg, pdf or png.
+        Format: svg, pdf or png.
     """
     found = {}
     for title, block in ((s.title, b) for s in sections for b in s.blocks):
@@ -60,16 +60,16 @@ def write_figures(sections: Sequence[Section], folder: Path, suffix: str) -> lis
     Parameters
     ----------
     sections : sequence of Section
-        Of the report.
+        Sections of the report.
     folder : Path
-        It is made if it is not there.
+        Folder of the files; made if it is missing.
     suffix : str
-        svg, pdf or png.
+        Format: svg, pdf or png.
 
     Raises
     ------
     OSError
-        If something cannot be written.
+        If a file cannot be written.
     """
     figures = figures_by_file(sections, folder, suffix)
     for file, (plot, wide) in figures.items():
@@ -87,9 +87,9 @@ def matplotlib_figure(plot: go.Figure, *, width: float = WIDTH) -> Figure:
     Parameters
     ----------
     plot : go.Figure
-        Of lines, marks, bars, contours, and lines across.
+        Plotly figure of lines, marks, bars, contours, and lines across.
     width : float
-        Of the figure [inch].
+        Width of the figure [inch].
     """
     figure = Figure(figsize=(width, (plot.layout.height or 400) / PX), layout="constrained")
     rows = sorted({_domain(plot, "y", k) for k in _axes(plot)}, reverse=True)

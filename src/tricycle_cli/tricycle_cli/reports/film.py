@@ -31,15 +31,15 @@ def write_film(
     Parameters
     ----------
     judgements : sequence of Judgement
-        Of the drives.
+        Judgements of the drives.
     vehicle : Vehicle
-        Its wheels give the size of the rectangles.
+        Vehicle; its wheels give the size of the rectangles.
     path : Path
         File that is written.
     speed : float
         Seconds of the drive per second.
     progress : callable
-        Called with (frames done, frames in all).
+        Called with the number of frames done and of all.
     """
     corners = footprint_of(vehicle)
     figure = Figure(figsize=(4.2 * len(judgements), 5.0), layout="constrained")

@@ -1,4 +1,4 @@
-"""What the identification of a fleet found, as one HTML page: outliers first."""
+"""Results of a fleet's identification as one HTML page: outliers first."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tricycle_core.documents import replacing, write_whole
 from tricycle_core.quantities import FloatArray, with_deviation
 
 REPORT, DOCUMENT, FIGURE = FILES = "report.html", "fleet.json", "fleet.png"
-"""What `save_fleet` writes."""
+"""Names of the files that `save_fleet` writes."""
 WIDTH, HEIGHT, EDGE = 128, 36, 3  # of a sparkline, in its own units
 AHEAD = (
     4.0  # spreads of the population, or deviations of a vehicle, that a sparkline shows at least
@@ -27,12 +27,12 @@ AHEAD = (
 
 
 def fleet_page(fleet: Fleet) -> str:
-    """Return the text of one HTML file.
+    """Return the page as the text of one HTML file.
 
     Parameters
     ----------
     fleet : Fleet
-        What `identify_fleet` found.
+        Result of `identify_fleet`.
     """
     first, last = _span(fleet)
     sections = [
@@ -268,16 +268,16 @@ def save_fleet(fleet: Fleet, document: str, folder: Path) -> None:
     Parameters
     ----------
     fleet : Fleet
-        What `identify_fleet` found.
+        Result of `identify_fleet`.
     document : str
         Content of `fleet.json`.
     folder : Path
-        It is made if it is not there.
+        Folder of the files; made if it is missing.
 
     Raises
     ------
     OSError
-        If something cannot be written.
+        If a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / REPORT, fleet_page(fleet))

@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table.
+    """A table of a page.
 
     Attributes
     ----------
     headings : tuple of str
-        Of the columns.
+        Headings of the columns.
     rows : tuple of tuple of str
-        As many cells as there are headings in each; one that ends with ✗ is marked as a miss. Those
-        of `Markup` hold HTML.
+        Cells of each row, one per heading; a cell that ends with ✗ is marked as a miss. Cells of
+        `Markup` hold HTML.
     caption : str
         Text above it.
 
@@ -55,14 +55,14 @@ class TableBlock:
     def without_empty_columns(
         cls, headings: Sequence[str], rows: Sequence[Sequence[str]], caption: str = ""
     ) -> Self:
-        """Return a table of the columns in which something stands.
+        """Return a table without the columns in which every cell is empty.
 
         Parameters
         ----------
         headings : sequence of str
-            Of all columns.
+            Headings of all columns.
         rows : sequence of sequence of str
-            With a cell in each column.
+            Rows with a cell in each column.
         caption : str
             Text above it.
         """
@@ -80,7 +80,7 @@ class FigureBlock:
     uri : str
         The picture itself, as a `data:` address.
     alt : str
-        What it shows, for those who cannot see it.
+        Description of the figure for those who cannot see it.
     caption : str
         Text below it.
     """
@@ -91,12 +91,12 @@ class FigureBlock:
 
     @classmethod
     def of(cls, figure: Figure, *, alt: str, caption: str) -> Self:
-        """Return a Matplotlib figure, drawn as SVG.
+        """Return a Matplotlib figure as a block, drawn as SVG.
 
         Parameters
         ----------
         figure : Figure
-            What to draw.
+            Figure to draw.
         alt, caption : str
             See the attributes.
         """
@@ -117,7 +117,7 @@ class PlotBlock:
     Attributes
     ----------
     name : str
-        Of the files that they are written to on demand.
+        Name of the files that the figure is written to on demand.
     plots : tuple of go.Figure
         Texts in them are Plotly's HTML and must have been escaped.
     caption : str
@@ -130,7 +130,7 @@ class PlotBlock:
 
     @property
     def drawn(self) -> list[tuple[int, Markup]]:
-        """Of each plot its height [px], kept free until it is drawn, and its data as JSON."""
+        """Return each plot's height [px], kept free until it is drawn, and its data as JSON."""
         return [(int(plot.layout.height or 400), _script_json(plot)) for plot in self.plots]
 
 
@@ -146,7 +146,7 @@ class Section:
     Attributes
     ----------
     title : str
-        Heading.
+        Text of the heading.
     blocks : tuple of str, TableBlock, FigureBlock or PlotBlock
         A string is a paragraph.
     """
@@ -161,9 +161,9 @@ def html_page(title: str, sections: Sequence[Section], *, subtitle: str = "") ->
     Parameters
     ----------
     title : str
-        Of the page.
+        Title of the page.
     sections : sequence of Section
-        Its content; more than two get a table of contents.
+        Sections of the page; more than two get a table of contents.
     subtitle : str
         Line below the title.
     """

@@ -6,16 +6,16 @@ from pathlib import Path
 IDENTIFICATION, VEHICLE, REPORT = "identification.json", "vehicle.yaml", "report.html"
 FIGURES = "trajectories", "residuals", "lack", "profiles"
 FILES = (IDENTIFICATION, VEHICLE, REPORT, *(f"{name}.png" for name in FIGURES))
-"""What an identification may write."""
+"""Names of the files that an identification may write."""
 
 
 def remove_older(folder: Path, written: Collection[str]) -> None:
-    """Remove the files of an earlier identification that this one has not written.
+    """Remove the files of an earlier identification that this one has not replaced.
 
     Parameters
     ----------
     folder : Path
-        Of the identification.
+        Folder of the identification.
     written : collection of str
         Names of the files that this one has written.
     """

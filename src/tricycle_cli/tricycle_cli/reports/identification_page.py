@@ -1,4 +1,4 @@
-"""What an identification found, as one HTML page and as figures."""
+"""Results of an identification as one HTML page and as figures."""
 
 import math
 from collections.abc import Mapping
@@ -42,12 +42,12 @@ LACK = (
 
 
 def drawn_drives(found: Identification) -> tuple[DriveFit, ...]:
-    """Return the drives that figures show: of many those whose positions fit worst.
+    """Return the drives to show in figures; if there are many, those whose positions fit worst.
 
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     """
     worst = sorted(found.drives, key=lambda drive: _rms(drive.after))[-MOST_DRAWN:]
     return tuple(drive for drive in found.drives if any(drive is one for one in worst))
@@ -59,7 +59,7 @@ def trajectories_figure(found: Identification) -> Figure:
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     """
     drives = drawn_drives(found)
     figure = Figure(figsize=(5.6 * len(drives), 7.4), layout="constrained")
@@ -84,7 +84,7 @@ def trajectories_figure(found: Identification) -> Figure:
 
 
 def _rms(predictions: Mapping[Sensor, Prediction]) -> float:
-    """Of the positions, in mm."""
+    """Return the root mean square of the position residuals [mm]."""
     residual = predictions[Sensor.POSITION].residual
     return 1e3 * math.sqrt(float((residual**2).sum(axis=1).mean()))
 
@@ -95,7 +95,7 @@ def residuals_figure(found: Identification) -> Figure:
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     """
     drives = drawn_drives(found)
     predictions = [drive.after for drive in drives]
@@ -126,7 +126,7 @@ def lack_figure(found: Identification) -> Figure:
     Parameters
     ----------
     found : Identification
-        With `lack` of every drive.
+        Result of `identify`, with `lack` of every drive.
     """
     lacks = {drive.name: drive.lack for drive in found.drives if drive.lack is not None}
     names = list(dict.fromkeys(name for lack in lacks.values() for name in lack.values))
@@ -156,7 +156,7 @@ def profiles_figure(found: Identification) -> Figure:
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     """
     profiled = [
         (name, e, e.profile) for name, e in found.parameters.items() if e.profile is not None
@@ -192,12 +192,12 @@ def profiles_figure(found: Identification) -> Figure:
 
 
 def identification_page(found: Identification) -> str:
-    """Return the text of one HTML file.
+    """Return the page as the text of one HTML file.
 
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     """
     names = found.names
     correlation = TableBlock(
@@ -294,16 +294,16 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     vehicle_file : Path, optional
-        Vehicle that was identified with; None: the packaged one.
+        File of the vehicle that was identified with; None: the packaged one.
     folder : Path
-        It is made if it is not there.
+        Folder of the files; made if it is missing.
 
     Raises
     ------
     OSError
-        If something cannot be written.
+        If a file cannot be written.
     """
     save_identification_file(document_of(found), folder / IDENTIFICATION)
     texts = {VEHICLE: identified_vehicle(found, vehicle_file), REPORT: identification_page(found)}

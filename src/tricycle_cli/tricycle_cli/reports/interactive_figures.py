@@ -33,9 +33,9 @@ def trajectories(plan: Plan | None, judgement: Judgement | None) -> go.Figure:
     Parameters
     ----------
     plan : Plan, optional
-        What was planned.
+        Plan of the drive.
     judgement : Judgement, optional
-        Of the drive.
+        Judgement of the drive.
     """
     figure = _figure(height=560)
     if plan is not None:
@@ -90,7 +90,7 @@ def _mark_start(figure: go.Figure, x: FloatArray, y: FloatArray) -> None:
 
 
 def _enlargement(x: FloatArray, y: FloatArray, deviation: float) -> int:
-    """Largest round factor by which a deviation is at most a tenth of the trajectory's extent."""
+    """Return the largest round factor for deviations of at most a tenth of the trajectory."""
     extent = max(float(np.ptp(x)), float(np.ptp(y)))
     wanted = 0.1 * extent / deviation if deviation > 0.0 else 1.0
     return max((k for k in (1, 2, 5, 10, 20, 50, 100) if k <= wanted), default=1)
@@ -112,9 +112,9 @@ def commands(plan: Plan | None, joints: JointStates | None) -> go.Figure:
     Parameters
     ----------
     plan : Plan, optional
-        What was planned.
+        Plan of the drive.
     joints : JointStates, optional
-        What the PLCs measured.
+        Joint states that the PLCs measured.
     """
     figure = _figure(rows=2)
     if plan is not None:
@@ -143,7 +143,7 @@ def error_over_time(judgement: Judgement) -> go.Figure:
     Parameters
     ----------
     judgement : Judgement
-        Of the drive.
+        Judgement of the drive.
     """
     s = judgement.series
     so_far = np.cumsum(s.distance**2) / np.arange(1, len(s.distance) + 1)
@@ -183,7 +183,7 @@ def wheel_loads(loads: WheelLoads) -> go.Figure:
     Parameters
     ----------
     loads : WheelLoads
-        Of the nominal vehicle.
+        Wheel loads of the nominal vehicle.
     """
     figure = _figure()
     time, *values = _thinned(loads.time, *loads.by_wheel.values())
@@ -200,7 +200,7 @@ def indices(plan: Plan) -> go.Figure:
     Parameters
     ----------
     plan : Plan
-        What was planned.
+        Plan of the drive.
     """
     figure = _figure(height=110 + 52 * len(plan.main))
     for name, by_name, color in (
@@ -230,9 +230,9 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
     Parameters
     ----------
     plan : Plan
-        What was planned.
+        Plan of the drive.
     search : SearchHistory
-        How it was found.
+        Maneuvers that the search evaluated.
     """
     names = [escape(name) for name in plan.operation]
     chosen = list(plan.operation.values())
@@ -292,7 +292,7 @@ def profiles(found: IdentificationDocument) -> tuple[go.Figure, ...]:
     Parameters
     ----------
     found : IdentificationDocument
-        What `tricycle identify` found.
+        Content of an `identification.json`.
     """
     allowed = chi_square.quantile(found.level, 1)
     drawn = []
@@ -419,7 +419,7 @@ def _line(
 
 
 def _thinned(*arrays: FloatArray) -> tuple[FloatArray, ...]:
-    """The same, at most `POINTS` long and with both ends, rounded to what a reader can use."""
+    """Return at most `POINTS` of the values, both ends among them, rounded for display."""
     size = len(arrays[0])
     kept = np.unique(np.linspace(0, size - 1, min(size, POINTS)).round().astype(int))
     return tuple(np.round(array[kept], 6) for array in arrays)

@@ -1,4 +1,4 @@
-"""What a reader of results must know besides the numbers, a line each."""
+"""Remarks that a reader of results needs besides the numbers, one line each."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ EXACT = 1e-4  # m, noise of positions below which no sensor has told them
 
 
 def remarks(found: Identification) -> list[str]:
-    """Return what a reader must know besides the table, a line each.
+    """Return the remarks that a reader needs besides the table, one line each.
 
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     """
     from parameter_identification.identified_vehicle import kind_of_drives
 
@@ -55,7 +55,7 @@ def remarks(found: Identification) -> list[str]:
 
 
 def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
-    """What the drives do not show, what was taken as known, and ranges that end an estimate."""
+    """Remarks on parameters that the drives do not determine, on fixed ones and on range limits."""
     lines = [
         f"not shown by these {drives}: {combination} "
         f"(1σ is {combination.remaining:.0%} of the prior 1σ)"
@@ -82,7 +82,7 @@ def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
 
 
 def _on_the_model(found: Identification, drives: str) -> list[str]:
-    """Where the model is wrong for the vehicle, and what of it the intervals count."""
+    """Remarks on errors of the model, and on those that the intervals count."""
     lines = []
     if not found.white:
         lines.append(
@@ -151,7 +151,7 @@ def _on_the_fit(found: Identification) -> list[str]:
 
 
 def _least_white(found: Identification) -> str:
-    """How many residuals are not white, and which is the farthest from it."""
+    """Return how many residuals are not white, and which is the farthest from white."""
     coloured = found.coloured
     worst = max(coloured, key=lambda test: test.statistic / test.lags)
     count = f"{len(coloured)} of {len(found.whiteness)}"
@@ -220,12 +220,12 @@ def _remark_on_held_out(held: HeldOut, level: float) -> str:
 
 
 def remarks_on_many(found: ManyDrives) -> list[str]:
-    """Return what a reader must know besides the table, a line each.
+    """Return the remarks that a reader needs besides the table, one line each.
 
     Parameters
     ----------
     found : ManyDrives
-        What `identify_many` found.
+        Result of `identify_many`.
     """
     hidden = [name for name, e in found.parameters.items() if not e.identifiable]
     lines = [f"not shown by these drives: {', '.join(hidden)}"] if hidden else []
@@ -253,12 +253,12 @@ def _not_whole(drives: Sequence[str]) -> list[str]:
 
 
 def remarks_on_fleet(fleet: Fleet) -> list[str]:
-    """Return what a reader must know besides the table, a line each, outliers first.
+    """Return the remarks that a reader needs besides the table, one line each, outliers first.
 
     Parameters
     ----------
     fleet : Fleet
-        What `identify_fleet` found.
+        Result of `identify_fleet`.
     """
     from parameter_identification.many_drives import few_coloured
 
@@ -312,18 +312,18 @@ def remarks_on_drives(
     tables: bool,
     redrawn: bool,
 ) -> Iterator[str]:
-    """Yield what a reader must know of the measurements: bags cut off, unused sensors, and so on.
+    """Yield remarks on the measurements: incomplete bags, unused sensors, and so on.
 
     Parameters
     ----------
     found : Identification
-        What `identify` found.
+        Result of `identify`.
     used, held_out : sequence of MeasuredDrive
-        The drives.
+        Drives to identify from, and drives to predict.
     tables : bool
-        Whether some are windows of tables.
+        Whether some drives are windows of tables.
     redrawn : bool
-        Whether the intervals count what smoothing the speed errs by.
+        Whether the intervals count the error of smoothing the speed.
     """
     from parameter_identification.drives.measured import Sensor
     from parameter_identification.estimation.redrawn import SCATTERED

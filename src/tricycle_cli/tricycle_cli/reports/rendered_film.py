@@ -39,26 +39,27 @@ def write_rendered_film(
     Parameters
     ----------
     view : MujocoView
-        Of a plant that has not been driven.
+        View of a plant that has not been driven yet.
     commands : Commands
-        Of the recorded drive.
+        Commands of the recorded drive.
     series : TimeSeries
-        Of it: the measured and the nominal way are lines on the ground.
+        Time series of the recorded drive: the measured and the nominal path are drawn on the
+        ground.
     vehicle : Vehicle
-        That its boards know.
+        Vehicle that the boards are set up for.
     settings : BridgeSettings
-        Of the bridge between the commands and the emulated boards.
+        Settings of the bridge between the commands and the emulated boards.
     path : Path
         File that is written.
     speed : float
         Seconds of the drive per second.
     progress : callable
-        Called with (frames done, frames in all).
+        Called with the number of frames done and of all.
 
     Returns
     -------
     float
-        RMS distance of the repeated from the measured drive [m].
+        RMS distance between the repeated and the measured drive [m].
 
     Raises
     ------

@@ -14,12 +14,12 @@ _PARAMETERS = "parameters"  # beside the drives' names
 
 @dataclass(frozen=True)
 class DriveResult:
-    """Numbers of one maneuver; None where a file does not hold them.
+    """Numbers of one maneuver; None if a file does not hold them.
 
     Attributes
     ----------
     x : mapping of str to float
-        Operation parameters.
+        Value of each operation parameter.
     main, total : float
         Sobol' indices S and ST of the target.
     cost : float
@@ -67,9 +67,9 @@ class DemoResult:
     Attributes
     ----------
     drives : mapping of str to DriveResult
-        By the name of the maneuver.
+        Results by name of the maneuver.
     parameters : mapping of str to ParameterResult
-        By name.
+        Results by name of the parameter.
     """
 
     drives: Mapping[str, DriveResult] = field(default_factory=dict)
@@ -81,12 +81,12 @@ class DemoResult:
 
     @classmethod
     def read(cls, file: Path) -> "DemoResult":
-        """Read the file; the result is empty where there is none.
+        """Read the file; the result is empty if there is no file.
 
         Raises
         ------
         ReportError
-            If it is too large or holds something else; with the place.
+            If it is too large or holds something else; the message names the place.
         """
         if not file.exists():
             return cls()

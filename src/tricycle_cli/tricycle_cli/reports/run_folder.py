@@ -1,4 +1,4 @@
-"""What a run left in its directory: plans, drives, identifications, and what they tell.
+"""Content of a run's directory: plans, drives, identifications, and values derived from them.
 
 A run is the directory of `tricycle demo`, `plan`, `drive` or `identify`, or a bag. Its files are
 untrusted input.
@@ -32,9 +32,9 @@ class WheelLoads:
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Since the start [s].
+        Time since the start [s].
     by_wheel : mapping of str to ndarray of float, shape (t,)
-        Loads [N].
+        Load of each wheel [N].
     """
 
     time: FloatArray
@@ -48,7 +48,7 @@ class Maneuver:
     Attributes
     ----------
     name : str
-        Of its plan or bag; its path in the run where another one has this name.
+        Name of its plan or bag; its path in the run if another one has this name.
     plan : Plan, optional
         None where only its bag is there.
     judgement : Judgement, optional
@@ -71,7 +71,7 @@ class Maneuver:
 
 @dataclass(frozen=True)
 class Run:
-    """Everything found in a directory.
+    """Plans, drives and identifications found in a directory.
 
     Attributes
     ----------
@@ -80,9 +80,9 @@ class Run:
     maneuvers : tuple of Maneuver
         Each plan with its drives, one for each, and drives whose plan is elsewhere.
     identifications : tuple of (str, IdentificationDocument)
-        Of these or other drives, each with the name of its directory.
+        Identifications in the directory, each with the name of its folder.
     left_out : str
-        Why a `result.json` is not that of a demo; empty when it is, or where there is none.
+        Why a `result.json` is not one of a demo; empty if it is, or if there is none.
     """
 
     folder: Path
@@ -222,9 +222,9 @@ def wheel_loads(vehicle: Vehicle, plan: Plan) -> WheelLoads:
     Parameters
     ----------
     vehicle : Vehicle
-        For which the plan was made.
+        Vehicle for which the plan was made.
     plan : Plan
-        With the commands.
+        Plan with the commands.
 
     Raises
     ------

@@ -27,19 +27,17 @@ PROFILES = (
 )
 
 
-def run_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) -> str:
+def run_page(run: Run, *, vehicle: Vehicle) -> str:
     """Return the report of a run as the text of an HTML file.
 
     Parameters
     ----------
     run : Run
-        What to show.
+        Run to show.
     vehicle : Vehicle
-        For the wheel loads of plans that were made for it.
-    progress : callable, optional
-        Called with the numbers of maneuvers shown and in all.
+        Vehicle; wheel loads are shown for plans that were made for it.
     """
-    return page_of(run, run_sections(run, vehicle=vehicle, progress=progress))
+    return page_of(run, run_sections(run, vehicle=vehicle))
 
 
 def page_of(run: Run, sections: Sequence[Section]) -> str:
@@ -48,9 +46,9 @@ def page_of(run: Run, sections: Sequence[Section]) -> str:
     Parameters
     ----------
     run : Run
-        What is shown.
+        Run that the sections show.
     sections : sequence of Section
-        Of `run_sections`.
+        Sections from `run_sections`.
     """
     return html_page(f"Run {run.folder.resolve().name}", sections, subtitle=_subtitle(run))
 
@@ -58,16 +56,16 @@ def page_of(run: Run, sections: Sequence[Section]) -> str:
 def run_sections(
     run: Run, *, vehicle: Vehicle, progress: Progress | None = None
 ) -> tuple[Section, ...]:
-    """Return what the report of a run holds.
+    """Return the sections of the report of a run.
 
     Parameters
     ----------
     run : Run
-        What to show.
+        Run to show.
     vehicle : Vehicle
-        For the wheel loads of plans that were made for it.
+        Vehicle; wheel loads are shown for plans that were made for it.
     progress : callable, optional
-        Called with the numbers of maneuvers shown and in all.
+        Called with the number of maneuvers shown so far and of all.
     """
     results = _results(run) if run.maneuvers else []
     results += [_estimates(name, found) for name, found in run.identifications]

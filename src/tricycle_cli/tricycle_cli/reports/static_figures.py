@@ -33,12 +33,12 @@ MOST_VEHICLES = 40  # in a figure of a fleet
 
 
 def plot_plan(plan: Plan, path: Path) -> None:
-    """Path, commands and Sobol' indices of a plan, and what is expected to be known after its set.
+    """Plot path, commands and Sobol' indices of a plan, and the deviations expected after its set.
 
     Parameters
     ----------
     plan : Plan
-        What to show.
+        Plan to show.
     path : Path
         Image to be written; its suffix gives the format.
     """
@@ -136,9 +136,9 @@ def draw_borders(axes: Axes, area: Area) -> None:
     Parameters
     ----------
     axes : Axes
-        In metres.
+        Axes in metres.
     area : Area
-        What to draw.
+        Area to draw.
     """
     for number, corners in enumerate((area.keep_in, *area.keep_out)):
         closed = np.vstack([corners, corners[:1]])
@@ -185,14 +185,14 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
 
 
 def fleet_figure(fleet: Fleet) -> Figure:
-    """Return each vehicle in its populations, the farthest from the others on top.
+    """Plot each vehicle in its populations, the farthest from the others on top.
 
     Of many vehicles, only these are drawn.
 
     Parameters
     ----------
     fleet : Fleet
-        What `identify_fleet` found.
+        Result of `identify_fleet`.
     """
     count, rows = max(1, len(fleet.populations)), min(len(fleet.vehicles), MOST_VEHICLES)
     figure = Figure(figsize=(4.6 * count, 1.8 + 0.28 * rows), layout="constrained")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from parameter_identification.many_drives import ManyDrives
 
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
-"""Of the table of identified parameters."""
+"""Headings of the table of identified parameters."""
 
 NARROWEST = 80
 """Characters of a table: in a narrower terminal its lines are folded, but its numbers are whole."""
@@ -57,7 +57,7 @@ def plan_table(plan: Plan) -> Table:
     Parameters
     ----------
     plan : Plan
-        What to show.
+        Plan to show.
     """
     values = ", ".join(f"{name} = {value:.4g}" for name, value in plan.operation.items())
     title = f"{plan.maneuver} for {plan.target}: {values}"
@@ -143,7 +143,7 @@ def judgement_table(judgements: Sequence[Judgement]) -> Table:
     Parameters
     ----------
     judgements : sequence of Judgement
-        What to show.
+        Judgements to show.
     """
     table = Table("", *(judgement.bag.name for judgement in judgements))
     for column in table.columns[1:]:
@@ -184,7 +184,7 @@ def parameter_rows(
     Parameters
     ----------
     found : Identification or ManyDrives
-        What was identified.
+        Result of an identification.
     truth : mapping of str to float, optional
         Hidden true values where they are known; default: those that the bags hold.
     """
@@ -208,7 +208,7 @@ def shown_truth(found: Estimate | ParameterEntry, value: float) -> str:
     Parameters
     ----------
     found : Estimate or ParameterEntry
-        With the interval.
+        Estimate with its interval.
     value : float
         True value.
     """
@@ -228,7 +228,7 @@ def parameter_table(
     Parameters
     ----------
     found : Identification or ManyDrives
-        What was identified.
+        Result of an identification.
     truth : mapping of str to float, optional
         Hidden true values; default: those that the bags hold.
     """
@@ -247,12 +247,12 @@ def parameter_table(
 
 
 def population_table(fleet: Fleet) -> Table:
-    """Return what is shared, the populations, and what each vehicle is in them.
+    """Return a table of shared values, populations, and each vehicle's values in them.
 
     Parameters
     ----------
     fleet : Fleet
-        What `identify_fleet` found.
+        Result of `identify_fleet`.
     """
     title = f"{len(fleet.vehicles)} vehicles, {fleet.drives} drives; {fleet.level:.0%} intervals"
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
@@ -289,7 +289,7 @@ def shown_interval(interval: Interval | Estimate) -> str:
     Parameters
     ----------
     interval : Interval or Estimate
-        Of a population, a member or a vehicle.
+        Interval of a population, a member or a vehicle.
     """
     return f"{_short(interval.low)} – {_short(interval.high)}"
 

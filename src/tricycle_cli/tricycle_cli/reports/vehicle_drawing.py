@@ -25,7 +25,7 @@ def draw_vehicle(vehicle: Vehicle, path: Path) -> None:
     Parameters
     ----------
     vehicle : Vehicle
-        What to show.
+        Vehicle to show.
     path : Path
         Image to be written; its suffix gives the format.
     """

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tricycle_core.errors import PlantError
+from tricycle_core.errors import PlantError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
@@ -15,10 +15,9 @@ from tricycle_sim.fmi.mapping import START, load_mapping
 from tricycle_sim.setpoints import command_rows, delayed, slew_all
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import Run
-from tricycle_sim.vehicle.constants import suggest_name
 
 COLUMNS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "drive_speed")
-"""What a batch can record."""
+"""Columns that a batch can record."""
 
 
 class FmuSimulator:
@@ -38,16 +37,17 @@ class FmuSimulator:
     def __call__(
         self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0
     ) -> "FmuBatch":
-        """Return what drives samples of a vehicle by commands.
+        """Return the batch that simulates samples of a vehicle with the commands.
 
         Parameters
         ----------
         vehicle : Vehicle
-            Its unknown parameters are those of the samples; others of the mapping have its values.
+            Vehicle whose unknown parameters are those of the samples; others of the mapping have
+            its values.
         commands : Commands
-            Each held until the next, slewed as the boards do.
+            Commands, each held until the next, slewed as the boards do.
         setpoint : float
-            Of the speed before the first command [m/s].
+            Speed set-point before the first command [m/s].
 
         Raises
         ------
@@ -58,30 +58,30 @@ class FmuSimulator:
 
 
 class FmuBatch:
-    """One history of commands on any samples of a vehicle that is an FMU.
+    """One sequence of commands for any samples of a vehicle that is an FMU.
 
     Parameters
     ----------
     file : Path
-        The mapping.
+        Path of the mapping file.
     vehicle : Vehicle
-        As of `FmuSimulator`.
+        Vehicle, as in `FmuSimulator`.
     commands : Commands
-        As of `FmuSimulator`.
+        Commands, as in `FmuSimulator`.
     setpoint : float
-        As of `FmuSimulator`.
+        Speed set-point before the first command [m/s].
 
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Of all columns [s].
+        Times of all columns [s].
     available : tuple of str
         Every column that can be recorded.
 
     Raises
     ------
     PlantError
-        As of `FmuSimulator`.
+        As `FmuSimulator`.
     """
 
     available = COLUMNS
@@ -94,9 +94,9 @@ class FmuBatch:
         known = {*vehicle.values, *START}
         for name in mapping.parameters:
             if name not in known:
-                hint = suggest_name(name, known)
                 raise PlantError(
-                    f"{file}: parameters.{name}: {vehicle.name} has no such constant; {hint}"
+                    f"{file}: parameters.{name}: {vehicle.name} has no such constant; "
+                    f"{hint(name, known)}"
                 )
         for name in vehicle.unknown:
             if name not in mapping.parameters:
@@ -121,25 +121,25 @@ class FmuBatch:
         faster: FloatArray | None = None,
         steered: FloatArray | None = None,
     ) -> Run:
-        """Drive samples from the origin, heading +x, to the end of the commands.
+        """Simulate samples from the origin, heading +x, to the end of the commands.
 
         Parameters
         ----------
         parameters : ndarray of float, shape (n, k)
             Values of the vehicle's unknown parameters in its order.
         columns : sequence of str
-            Of `COLUMNS`.
+            Columns to record, from `COLUMNS`.
         speed : ndarray of float, shape (n,), optional
-            At which the vehicles roll at the start [m/s], if the mapping has `start_speed`; by
-            default they are at rest.
+            Speed at which the vehicles roll at the start [m/s], if the mapping has `start_speed`;
+            by default they are at rest.
         steering_delay : ndarray of float, shape (n,), optional
-            By which each servo hears of its set-point later [s]; default: not at all.
+            Additional delay of each servo's set-point [s]; default: none.
         drive_delay : float
-            By which the motor hears of its set-point later [s].
+            Additional delay of the motor's set-point [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s]; default: none.
         steered : ndarray of float, shape (n, t), optional
-            Angle that is added to each servo's set-point [rad], heard later like it; default: none.
+            Angle that is added to each servo's set-point [rad], with the same delay; default: none.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class FmuBatch:
         return self._columns({name: np.array([row[name] for row in rows]) for name in rows[0]})
 
     def _columns(self, told: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return the columns from what the FMU told, each (t,)."""
+        """Return the columns from the FMU's outputs, each (t,)."""
         heading = np.unwrap(told["heading"])
         c, s = np.cos(heading[0]), np.sin(heading[0])
         dx, dy = told["x"] - told["x"][0], told["y"] - told["y"][0]
@@ -221,11 +221,12 @@ class FmuFunction:
     file : Path
         The mapping; the planner's unknown parameters are the vehicle's.
     vehicle : Vehicle
-        With the unknown parameters in the planner's order.
+        Vehicle with the unknown parameters in the planner's order.
     commands : callable
-        From operation parameters x (l,) to `Commands`.
+        Function from operation parameters x (l,) to `Commands`.
     output : callable
-        From the columns (`COLUMNS`, each (n, t)) and the operation parameters to outputs (n,).
+        Function from the columns (`COLUMNS`, each (n, t)) and the operation parameters to outputs
+        (n,).
     """
 
     def __init__(

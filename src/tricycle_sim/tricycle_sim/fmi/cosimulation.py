@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tricycle_core.errors import PlantError
+from tricycle_core.errors import PlantError, hint
 from tricycle_core.optional import missing
 from tricycle_sim.fmi.mapping import QUANTITIES, UNITS, FmuMapping, Variable
-from tricycle_sim.vehicle.constants import suggest_name
 
 try:
     import fmpy
@@ -30,25 +29,27 @@ class Fmu:
     Parameters
     ----------
     mapping : FmuMapping
-        From `load_mapping`.
+        Mapping, from `load_mapping`.
     units : mapping of str to str, optional
         Unit of each parameter of the caller; those that the mapping lacks are left out.
 
     Attributes
     ----------
     mapping : FmuMapping
-        Of the FMU.
+        Mapping of our quantities to the FMU's variables.
     places : dict
-        By part of the mapping and name: type, value reference, our value by the FMU's.
+        Type, value reference, and factor from the FMU's unit to ours, by part of the mapping and
+        name.
     readings : dict
-        By type: names of outputs, their value references, our values by the FMU's.
+        Names of outputs, their value references, and factors from the FMU's units to ours, by type.
     only_once : bool
         Whether a process can have one instance of it at a time.
 
     Raises
     ------
     PlantError
-        In one line: no FMU, not for co-simulation, no such variable, wrong unit or causality.
+        If it is not an FMU, not for co-simulation, or lacks a variable, or one has a wrong unit or
+        causality.
     """
 
     def __init__(self, mapping: FmuMapping, units: Mapping[str, str] | None = None) -> None:
@@ -59,7 +60,7 @@ class Fmu:
         try:
             self._description = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
-            raise PlantError(f"{path}: is no FMU: {_line(error)}") from error
+            raise PlantError(f"{path}: is not an FMU: {_line(error)}") from error
         version = self._description.fmiVersion
         if not version.startswith(("2", "3")):
             raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
@@ -88,14 +89,13 @@ class Fmu:
 
     def _find(self, part: str, name: str) -> Any:
         if name not in self._variables:
-            hint = suggest_name(name, self._variables).replace("see tricycle.yaml for them", "")
             raise PlantError(
-                f"{self.mapping.path}: {part}: no variable {name!r}; {hint}".rstrip("; ")
+                f"{self.mapping.path}: {part}: no variable {name!r}; {hint(name, self._variables)}"
             )
         return self._variables[name]
 
     def _kind(self, found: Any) -> str:
-        """Return the type by which a variable is read and written."""
+        """Return the type with which a variable is read and written."""
         if found.type == "Enumeration":
             return "Integer" if self._description.fmiVersion.startswith("2") else "Int64"
         return str(found.type)
@@ -161,9 +161,9 @@ class Instance:
     Parameters
     ----------
     fmu : Fmu
-        Of which it is.
+        FMU that runs.
     parameters : mapping of str to float
-        As of `Fmu.start`.
+        Values of the parameters, as in `Fmu.start`.
     """
 
     def __init__(self, fmu: Fmu, parameters: Mapping[str, float]) -> None:
@@ -195,7 +195,7 @@ class Instance:
 
     @property
     def _running(self) -> Any:
-        """What FMPy has of the FMU; calling one that has ended would crash the process."""
+        """FMPy's instance; raises once it has ended, as calling it would crash the process."""
         if self._slave is None:
             raise PlantError(f"{self._where}: has ended")
         return self._slave
@@ -233,7 +233,7 @@ class Instance:
         Parameters
         ----------
         **inputs : float
-            By our quantity, in our units.
+            Value of each of our quantities, in our units.
 
         Raises
         ------

@@ -113,7 +113,7 @@ def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels that touch the ground.
+        Vehicle whose wheels touch the ground.
     output : Path
         File to write.
 
@@ -171,7 +171,7 @@ def fmu_parameters(vehicle: Vehicle) -> tuple[str, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws are used.
     """
     entries = constant_entries(vehicle.wheels, vehicle.parts)
     steering = steering_constants(vehicle, TICK)

@@ -23,18 +23,18 @@ def literal(value: float) -> str:
     Parameters
     ----------
     value : float
-        Finite.
+        Finite number.
     """
     return float(value).hex()
 
 
 class Expression(np.lib.mixins.NDArrayOperatorsMixin):
-    """Something that arithmetic and NumPy's functions write down instead of computing.
+    """Symbolic value: arithmetic and NumPy's functions on it write C text instead of computing.
 
     Parameters
     ----------
     text : str
-        In C.
+        The expression in C.
     """
 
     def __init__(self, text: str) -> None:
@@ -54,6 +54,6 @@ def c_text(value: Any) -> str:
     Parameters
     ----------
     value : Expression or float
-        What a formula returned.
+        Result of a formula.
     """
     return value.text if isinstance(value, Expression) else literal(value)

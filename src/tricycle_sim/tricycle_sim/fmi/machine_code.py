@@ -35,7 +35,7 @@ def functions(vehicle: Vehicle) -> dict[str, Any]:
     Parameters
     ----------
     vehicle : Vehicle
-        Its structure is compiled in, none of its constants.
+        Vehicle whose structure is compiled in, but none of its constants.
     """
     compiled = functions_for(vehicle)
     advance, steer = compiled.advance, compiled.steer
@@ -187,7 +187,7 @@ def object_file(vehicle: Vehicle) -> bytes:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws are used.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
@@ -206,7 +206,7 @@ def object_file(vehicle: Vehicle) -> bytes:
 
 
 def _module(name: str, function: Any) -> Any:
-    """Return the LLVM code of a function, of which only its name in C is seen from outside."""
+    """Return the LLVM code of a function of which only the C name is visible from outside."""
     # numba has no public way to its code before that is bound to this processor
     code = function._library.get_llvm_str().replace(function._wrapper_name, name)  # noqa: SLF001
     module = llvm.parse_assembly(code)

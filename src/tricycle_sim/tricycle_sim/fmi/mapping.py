@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tricycle_core.documents import decode, parse_yaml, read_bounded
-from tricycle_core.errors import PlantError
+from tricycle_core.errors import PlantError, hint
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle.constants import suggest_name
 
 _LIMIT = 1_000_000  # bytes
 QUANTITIES = {
@@ -35,9 +34,9 @@ QUANTITIES = {
 }
 """Our quantities by name, with their units."""
 INPUTS = ("steering", "speed", "torque", "brake", "torque_mode")
-"""Those that go into an FMU; all others come out."""
+"""Quantities that go into an FMU; all others come out."""
 START = {"start_speed": "m/s", "start_speed_setpoint": "m/s"}
-"""Parameters that are none of the vehicle's: its speed at the start, and the set-point's."""
+"""Parameters that are not the vehicle's: its speed at the start, and the set-point's."""
 UNITS = {
     "rad": {"rad": 1.0, "deg": math.pi / 180.0},
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3},
@@ -62,11 +61,11 @@ class Variable:
     Attributes
     ----------
     variable : str
-        Its name.
+        Name of the variable in the FMU.
     unit : str, optional
-        In which the FMU has it; by default the one that its description names, or ours.
+        Unit of the variable in the FMU; by default the one in its description, or ours.
     scale : float
-        Our value is the FMU's, in our unit, times this.
+        Factor: our value is the FMU's, converted to our unit, times this.
     """
 
     variable: str
@@ -83,15 +82,15 @@ class FmuMapping:
     fmu : str
         Path of the FMU, from the mapping file's folder.
     inputs, outputs : mapping of str to Variable
-        By our quantity.
+        Variables by our quantity.
     parameters : mapping of str to Variable
-        By parameter of our vehicle file, or of the caller.
+        Variables by parameter of our vehicle file, or of the caller.
     start_values : mapping of str to float or bool
-        Of further variables of the FMU, in its units.
+        Values of further variables of the FMU, in its units.
     step : float
         Communication step [s].
     folder : str
-        Of the mapping file.
+        Folder of the mapping file.
     """
 
     fmu: str
@@ -104,7 +103,7 @@ class FmuMapping:
 
     @property
     def path(self) -> Path:
-        """Of the FMU."""
+        """Path of the FMU."""
         return Path(self.folder) / self.fmu
 
     def steps_per_tick(self, file: Path, user: str, inputs: Collection[str]) -> int:
@@ -117,7 +116,7 @@ class FmuMapping:
         user : str
             Who needs it, as "a plant".
         inputs : collection of str
-            That it needs; as outputs always x, y and heading.
+            Inputs that the mapping must have; as outputs always x, y and heading.
 
         Raises
         ------
@@ -141,12 +140,12 @@ def load_mapping(path: Path) -> FmuMapping:
     Parameters
     ----------
     path : Path
-        YAML.
+        YAML file.
 
     Raises
     ------
     PlantError
-        In one line what does not fit: file, entry, what would be right.
+        If something does not fit; the message names file, entry, and what would be right.
     """
     content = read_bounded(path, _LIMIT, "mapping of an FMU", PlantError)
     values: Any = parse_yaml(content, str(path), PlantError)
@@ -155,7 +154,7 @@ def load_mapping(path: Path) -> FmuMapping:
     known = ("fmu", "inputs", "outputs", "parameters", "start_values", "step")
     for name in values:
         if name not in known:
-            raise PlantError(f"{path}: {name}: unknown; {suggest_name(str(name), known)}")
+            raise PlantError(f"{path}: {name}: unknown; {hint(name, known)}")
     filled = dict(values)
     for part in ("inputs", "outputs", "parameters"):
         entries = filled.get(part) or {}
@@ -169,14 +168,11 @@ def load_mapping(path: Path) -> FmuMapping:
         for name, entry in entries.items():
             for key in entry if isinstance(entry, Mapping) else ():
                 if key not in keys:
-                    hint = suggest_name(str(key), keys)
-                    raise PlantError(f"{path}: {part}.{name}.{key}: unknown; {hint}")
+                    raise PlantError(f"{path}: {part}.{name}.{key}: unknown; {hint(key, keys)}")
         for name in () if part == "parameters" else entries:
             right = [q for q in QUANTITIES if (q in INPUTS) == (part == "inputs")]
             if name not in right:
-                raise PlantError(
-                    f"{path}: {part}.{name}: unknown; {suggest_name(str(name), right)}"
-                )
+                raise PlantError(f"{path}: {part}.{name}: unknown; {hint(name, right)}")
     mapping = decode(FmuMapping, {**filled, "folder": str(path.parent)}, str(path), PlantError)
     if not (math.isfinite(mapping.step) and mapping.step > 0.0):
         raise PlantError(f"{path}: step: {mapping.step:g} must be positive (s)")

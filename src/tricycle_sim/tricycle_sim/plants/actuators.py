@@ -19,7 +19,7 @@ class SteeringServo:
     Parameters
     ----------
     vehicle : Vehicle
-        With their laws and constants.
+        Vehicle with the laws and constants of servo and linkage.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -50,7 +50,7 @@ class SteeringServo:
         Parameters
         ----------
         setpoint : float or None
-            Of the motor [rad]; None: the gear holds the angle.
+            Set-point of the motor angle [rad]; None: the gear holds the angle.
         """
         setpoints = np.array([math.nan if setpoint is None else setpoint])
         self._functions.steer(self._servo, setpoints, self._constants, 2, self._table, self._angles)
@@ -62,12 +62,12 @@ class Motor:
     Parameters
     ----------
     vehicle : Vehicle
-        With its law and its constants.
+        Vehicle with the motor's law and constants.
 
     Attributes
     ----------
     torque : float
-        Of the motor [N m].
+        Torque of the motor [N m].
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -76,14 +76,14 @@ class Motor:
         self.torque = 0.0
 
     def advance(self, wanted: float, spin: float) -> None:
-        """Move on by a tick.
+        """Advance by a tick.
 
         Parameters
         ----------
         wanted : float
-            Torque [N m].
+            Demanded torque [N m].
         spin : float
-            Of the motor [rad/s].
+            Spin of the motor [rad/s].
         """
         slope, *_ = self._law(self._group, 0, spin, self.torque, 0.0, 0.0, wanted)
         self.torque += float(slope) * self._lag * -math.expm1(-TICK / self._lag)

@@ -44,8 +44,8 @@ class MultiBodyPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        What boards and planner know of it: `bmw_320i.yaml` beside this module, or like it. Servo,
-        linkage, motor and brake are the file's; they make the rate and the acceleration.
+        Vehicle as boards and planner know it: `bmw_320i.yaml` beside this module, or like it.
+        Servo, linkage, motor and brake are the file's; they make the rate and the acceleration.
     seed : int
         Not used: nothing is random.
 
@@ -90,7 +90,7 @@ class MultiBodyPlant:
         Parameters
         ----------
         tick, steering, torque, brake : int, float or None, float, float
-            As of every `Plant`.
+            Arguments of `Plant.advance`.
         """
         vehicle, car, x = self._vehicle, self._car, self._x
         before = self._spin()

@@ -36,7 +36,7 @@ class ElsewherePlant:
     Parameters
     ----------
     vehicle : Vehicle
-        What boards and planner know of it.
+        Vehicle as boards and planner know it.
     seed : int
         Not used: what is random is elsewhere.
     """
@@ -81,7 +81,7 @@ class ElsewherePlant:
         Parameters
         ----------
         tick, steering, torque, brake : int, float or None, float, float
-            As of every `Plant`.
+            Arguments of `Plant.advance`.
         """
         self._servo.advance(steering)
         self._motor.advance(torque, self._wheel[1])

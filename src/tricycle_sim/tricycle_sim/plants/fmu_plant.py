@@ -29,11 +29,11 @@ def fmu_plant(
     Parameters
     ----------
     vehicle : Vehicle
-        What boards and planner know of it; gives values to the parameters of the mapping.
+        Vehicle as boards and planner know it; its values are those of the mapping's parameters.
     seed : int
-        Not used.
+        Not used: nothing is random.
     file : Path
-        The mapping.
+        Path of the mapping file.
 
     Raises
     ------
@@ -53,11 +53,11 @@ class FmuPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        What boards and planner know of it; gives values to the parameters of the mapping.
+        Vehicle as boards and planner know it; its values are those of the mapping's parameters.
     mapping : FmuMapping
-        Of its quantities to the FMU's.
+        Mapping of our quantities to the FMU's variables.
     file : Path
-        That the mapping is from, for the messages.
+        Path of the mapping file, for messages.
 
     Raises
     ------
@@ -126,7 +126,7 @@ class FmuPlant:
         Parameters
         ----------
         tick, steering, torque, brake : int, float or None, float, float
-            As of every `Plant`.
+            Arguments of `Plant.advance`.
         """
         if self._has_torque:
             return self._moved(tick, steering, brake, torque=torque, torque_mode=1.0)
@@ -173,7 +173,7 @@ class FmuPlant:
         return self._state(tick + 1)
 
     def _moving(self, before: Pose) -> PlanarMotion:
-        """Return velocities and accelerations: told by the FMU, else of the last tick."""
+        """Return velocities and accelerations: the FMU's outputs, or else by the last tick."""
         found, old = self._outputs, self._motion
         x, y, heading = self._pose()
         turned = math.remainder(heading - before[2], math.tau)
@@ -217,6 +217,6 @@ class SpeedFmuPlant(FmuPlant):
         Parameters
         ----------
         tick, steering, speed, brake : int, float or None, float, float
-            As of every plant that `HoldsSpeed`.
+            Arguments of `HoldsSpeed.hold_speed`.
         """
         return self._moved(tick, steering, brake, speed=speed, torque_mode=0.0)

@@ -3,7 +3,7 @@
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from tricycle_core.errors import ExcitationError, PlantError, message_of
+from tricycle_core.errors import ExcitationError, PlantError, hint, message_of
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.plants.plant import Plant
@@ -29,11 +29,11 @@ def check_plant(name: str) -> None:
     Raises
     ------
     PlantError
-        Unknown name, with those that are known.
+        If the name is unknown; the message lists the known ones.
     """
     known = plant_names()
     if name.partition(":")[0] not in known:
-        raise PlantError(f"unknown plant {name!r}; there are: {', '.join(known)}")
+        raise PlantError(f"unknown plant {name!r}; {hint(name, known)}")
 
 
 def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
@@ -44,14 +44,15 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     name : str
         One of `plant_names`; `NAME:FILE` gives a plant a file of its own, as `fmu:car.yaml`.
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     seed : int
-        Of whatever is random in the plant.
+        Seed of whatever is random in the plant.
 
     Raises
     ------
     PlantError
-        Unknown name, with those that are known; or a plant that cannot be made, with the reason.
+        If the name is unknown, or the plant cannot be made; the message says which are known, or
+        why.
     """
     name, _, file = name.partition(":")
     if name == OWN:

@@ -54,7 +54,7 @@ class MujocoPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     seed : int
         Not used: nothing is random.
 
@@ -128,7 +128,7 @@ class MujocoPlant:
         Parameters
         ----------
         tick, steering, torque, brake : int, float or None, float, float
-            As of every `Plant`.
+            Arguments of `Plant.advance`.
         """
         if not self._over:
             self._servo.advance(steering)

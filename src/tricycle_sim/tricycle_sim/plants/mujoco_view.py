@@ -1,4 +1,4 @@
-"""What a camera sees of the plant in MuJoCo, without a screen."""
+"""Pictures of the plant in MuJoCo by a camera, without a screen."""
 
 import itertools
 import math
@@ -29,19 +29,19 @@ class MujocoView(Closing):
     Parameters
     ----------
     vehicle : Vehicle
-        Of which the plant is made.
+        Vehicle of which the plant is made.
     size : (int, int)
         Width and height of a picture [pixel].
 
     Attributes
     ----------
     plant : MujocoPlant
-        To be driven.
+        Plant that is shown.
 
     Raises
     ------
     PlantError
-        If nothing here can render, or MuJoCo is missing.
+        If this machine cannot render, or MuJoCo is missing.
     """
 
     def __init__(self, vehicle: Vehicle, size: tuple[int, int]) -> None:

@@ -11,7 +11,7 @@ class OwnPlant:
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     seed : int
         Not used: nothing is random.
     """
@@ -43,7 +43,7 @@ class OwnPlant:
         Parameters
         ----------
         tick, steering, torque, brake : int, float or None, float, float
-            As of every `Plant`.
+            Arguments of `Plant.advance`.
         """
         return self._live.step(steering=steering, torque=torque, brake=brake)
 
@@ -59,7 +59,7 @@ class OwnPlant:
         Parameters
         ----------
         tick, steering, speed, brake : int, float or None, float, float
-            As of every plant that `HoldsSpeed`.
+            Arguments of `HoldsSpeed.hold_speed`.
         """
         return self._live.step(steering=steering, speed=speed, brake=brake)
 

@@ -24,7 +24,7 @@ class Plant(Protocol):
         Parameters
         ----------
         start : (float, float, float)
-            x, y [m] and heading [rad].
+            Pose of the COM: x, y [m] and heading [rad].
         """
         ...
 
@@ -34,13 +34,13 @@ class Plant(Protocol):
         Parameters
         ----------
         tick : int
-            Ticks of the simulation so far; placing the plant anew does not set it back.
+            Number of ticks so far; placing the plant anew does not reset it.
         steering : float or None
             Set-point of the steering servo [rad]; None: no pulses, the gear holds the angle.
         torque : float
-            Wanted of the motor [N m].
+            Torque wanted of the motor [N m].
         brake : float
-            Share 0 to 1 of the friction brake.
+            Share of the friction brake, 0 to 1.
         """
         ...
 
@@ -55,14 +55,14 @@ class HoldsSpeed(Plant, Protocol):
     def hold_speed(
         self, tick: int, steering: float | None, speed: float, brake: float
     ) -> LiveState:
-        """Return the state after a tick with a set-point of the speed in place of a torque.
+        """Return the state after a tick with a speed set-point instead of a torque.
 
         Parameters
         ----------
         tick, steering, brake : int, float or None, float
-            As of `advance`.
+            Arguments of `Plant.advance`.
         speed : float
-            Of the driven wheels' tread [m/s].
+            Speed set-point of the driven wheels' tread [m/s].
         """
         ...
 
@@ -73,11 +73,11 @@ class PlanarMotion(NamedTuple):
     Attributes
     ----------
     vx, vy : float
-        Velocity [m/s].
+        Velocity, forward and to the left [m/s].
     yaw_rate : float
         Rate of the heading [rad/s].
     ax, ay : float
-        What an accelerometer reads [m/s^2].
+        Readings of an accelerometer, forward and to the left [m/s^2].
     """
 
     vx: float
@@ -102,9 +102,9 @@ def planar_state(
     Parameters
     ----------
     vehicle : Vehicle
-        With the constants that the plane lacks: height, gravity, battery.
+        Vehicle with the constants that planar motion lacks: height, gravity, battery.
     tick : int
-        Ticks so far.
+        Number of ticks so far.
     pose : (float, float, float)
         x, y [m] of the COM and heading [rad].
     motion : PlanarMotion
@@ -114,7 +114,7 @@ def planar_state(
     wheel : (float, float)
         Angle since the start and rate of the motor of the driven wheels [rad, rad/s].
     torque : float
-        Of that motor [N m].
+        Torque of the motor of the driven wheels [N m].
     """
     x, y, yaw = pose
     angle, rate = wheel

@@ -68,7 +68,7 @@ _SIGNS = {Gear.DRIVE: 1, Gear.REVERSE: -1, Gear.NEUTRAL: 0}
 
 @dataclass(frozen=True)
 class DriveMeasurement:
-    """What the drive PLC's inputs see.
+    """Inputs of the drive PLC.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class DriveMeasurement:
 
 @dataclass(frozen=True)
 class DriveOutput:
-    """What the drive PLC does to the rear wheel.
+    """Outputs of the drive PLC to the rear wheel.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class DriveOutput:
     setpoint : float
         Slewed and limited speed in m/s, forward positive.
     brake : float
-        0 (released) to 1 (full).
+        Brake command, 0 (released) to 1 (full).
     """
 
     motor_on: bool
@@ -191,7 +191,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
     def _at_rest(self) -> bool:
         return abs(self._measured.speed) < AT_REST
 
-    def _begin_tick(self, now_us: int) -> None:  # noqa: ARG002 - the steering's holding ends
+    def _begin_tick(self, now_us: int) -> None:  # noqa: ARG002 - only the steer PLC uses the time
         lines = self._measured.hall_line, self._measured.direction_line
         whole = all(_within(line, LINE_LOW) or _within(line, LINE_HIGH) for line in lines)
         self._line_ticks = 0 if whole else self._line_ticks + 1
@@ -256,7 +256,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._setpoint = 0.0
         self._ceiling = self._lagging = 0.0
 
-    def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - the steering's begins to hold
+    def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - only the steer PLC uses the time
         self._holding = False
         # a stop does not push: it begins at the speed, where the vehicle was slower than wanted
         low, high = min(self._setpoint, 0.0), max(self._setpoint, 0.0)

@@ -151,7 +151,7 @@ class FirmwareSteerPlc(_FirmwarePlc):
         bytes
             Events and the state frame, for the line.
         SteerOutput
-            What the actuators do until the next tick.
+            Outputs to the actuators until the next tick.
         """
         outputs = (ctypes.c_int32 * 2)()
         self._c.host_tick(
@@ -187,7 +187,7 @@ class FirmwareDrivePlc(_FirmwarePlc):
         bytes
             Events and the state frame, for the line.
         DriveOutput
-            What the actuators do until the next tick.
+            Outputs to the actuators until the next tick.
         """
         outputs = (ctypes.c_int32 * 3)()
         self._c.host_tick(
@@ -242,7 +242,7 @@ class FirmwareDrivePlc(_FirmwarePlc):
         float
             Torque demanded of the motor until the next tick in N m, forward positive.
         DriveOutput
-            What the actuators do until the next tick.
+            Outputs to the actuators until the next tick.
         """
         outputs = (ctypes.c_int32 * 4)()
         self._c.host_tick_pulses(

@@ -35,7 +35,7 @@ class PlcPair(Closing):
     Parameters
     ----------
     steer_path, drive_path : path
-        Where the serial devices appear.
+        Paths at which the serial devices appear.
     start_us : int
         Reading of the PLCs' clocks at the start in us, to come near their wrap.
 
@@ -50,7 +50,7 @@ class PlcPair(Closing):
     hall_plugged : bool
         Whether the hall sensor is connected to the drive board; a test may pull it.
     steer_output, drive_output : SteerOutput, DriveOutput
-        What the PLCs do to the vehicle.
+        Outputs of the PLCs to the vehicle.
     steering_angle, speed, distance : float
         State of the vehicle in rad of the steering motor, m/s and m.
     """
@@ -102,7 +102,7 @@ class PlcPair(Closing):
         Parameters
         ----------
         board : Board
-            The board.
+            Board that is rebooted.
         cause : ResetCause
             Cause that its HELLO_ACK gives.
         """
@@ -134,7 +134,7 @@ class PlcPair(Closing):
         Parameters
         ----------
         board : Board
-            The board.
+            Board that is frozen.
         stalled : bool
             False lets it run again.
         """

@@ -1,4 +1,4 @@
-"""What both emulated PLCs share: session, state machine, watchdog, counters (`plc.c` in C).
+"""Common part of both emulated PLCs: session, state machine, watchdog, counters (`plc.c` in C).
 
 Bytes, measurements and PLC time in; bytes and actuator outputs out. No port, no thread and no clock
 inside. Every 10 ms of PLC time the owner calls
@@ -189,7 +189,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
         bytes
             Events and the state frame, for the line.
         SteerOutput or DriveOutput
-            What the actuators do until the next tick.
+            Outputs to the actuators until the next tick.
         """
         self._estop_pressed = measurement.estop_pressed
         self._measured = measurement
@@ -232,7 +232,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
 
     @abstractmethod
     def _begin_tick(self, now_us: int) -> None:
-        """What a tick does before the state machine."""
+        """Part of a tick before the state machine."""
 
     @abstractmethod
     def _find_fault(self, now_us: int) -> Fault:
@@ -556,7 +556,7 @@ def in_order(low: int, high: int) -> bool:
     Parameters
     ----------
     low, high : int
-        The thresholds.
+        Lower and upper threshold.
     """
     return low < high or low == high == 0
 

@@ -22,8 +22,8 @@ class PtyPort(Closing):
     Parameters
     ----------
     link : path, optional
-        Where the serial device shall appear (a symbolic link, replaced atomically); None: only at
-        its ``/dev/pts/...`` path.
+        Path at which the serial device appears (a symbolic link, replaced atomically); None: only
+        at its ``/dev/pts/...`` path.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class PtyPort(Closing):
     def __init__(self, link: str | os.PathLike[str] | None = None) -> None:
         self._link = None if link is None else Path(link)
         if self._link is not None and self._link.exists() and not self._link.is_symlink():
-            raise LinkError(f"{self._link} is no link to a serial device: it is not replaced")
+            raise LinkError(f"{self._link} is not a link to a serial device: it is not replaced")
         if self._link is not None and _is_served(self._link):
             raise LinkError(
                 f"{self._link} is the serial device of another simulation: end that one, or choose "
@@ -52,7 +52,7 @@ class PtyPort(Closing):
 
     @property
     def path(self) -> Path:
-        """What the host opens."""
+        """Path that the host opens."""
         return self._link or self._device
 
     def fileno(self) -> int:

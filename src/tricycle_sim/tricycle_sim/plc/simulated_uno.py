@@ -33,14 +33,14 @@ _COM1A1, _COM1B1, _PB0, _PB2, _PD7 = 0x80, 0x20, 0x01, 0x04, 0x80
 
 @dataclass(frozen=True)
 class SteerPins:
-    """What the steer board puts out.
+    """Outputs of the steer board.
 
     Attributes
     ----------
     servo_on : bool
         Whether the servo gets pulses.
     angle : float
-        Angle of the steering motor in rad that the pulse means.
+        Angle of the steering motor that the pulse commands, in rad.
     """
 
     servo_on: bool
@@ -49,14 +49,14 @@ class SteerPins:
 
 @dataclass(frozen=True)
 class DrivePins:
-    """What the drive board puts out.
+    """Outputs of the drive board.
 
     Attributes
     ----------
     torque : float
         Torque demanded of the motor in N m, forward positive, without a throttle range in SETUP.
     brake : float
-        0 (released) to 1 (full).
+        Brake command, 0 (released) to 1 (full).
     """
 
     torque: float
@@ -69,12 +69,12 @@ def check_build(build: Path) -> None:
     Parameters
     ----------
     build : Path
-        The directory.
+        Directory with the build.
 
     Raises
     ------
     LinkError
-        Names the first file that is not there.
+        If a file is missing; the message names the first.
     """
     for name in ("steer.elf", "drive.elf", "libmachine.so"):
         if not (build / name).exists():
@@ -105,7 +105,7 @@ class SimulatedUno(Closing):
         image = build / f"{name}.elf"
         self._machine = ctypes.c_void_p(self._c.machine_new(str(image).encode()))
         if not self._machine:
-            raise LinkError(f"{image}: is no firmware image: `make firmware` builds it")
+            raise LinkError(f"{image}: is not a firmware image: `make firmware` builds it")
         self.supply(DRIVE_SUPPLY if name == "drive" else STEER_SUPPLY)
         self.estop(pressed=False)
         self._c.machine_sensor(self._machine, 0, 0)  # half a pulse before its edge
@@ -170,12 +170,12 @@ class SimulatedUno(Closing):
         self._adc(0, (ADC_CENTRE + ADC_SCALE * angle + 0.5) * _MV_PER_COUNT)
 
     def wheel_speed(self, speed: float, pulse: float = HALL_PULSE) -> None:
-        """Turn the hall sensor's wheel.
+        """Set the speed at which the hall sensor's wheel turns.
 
         Parameters
         ----------
         speed : float
-            Of the tread [m/s], forward positive.
+            Speed of the tread [m/s], forward positive.
         pulse : float
             Travel per pulse [m].
         """

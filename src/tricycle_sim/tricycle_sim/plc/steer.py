@@ -43,20 +43,20 @@ _TRACKING_US = round(TRACKING_TIME * 1e6)
 
 @dataclass(frozen=True)
 class SteerMeasurement:
-    """What the steer PLC's inputs see.
+    """Inputs of the steer PLC.
 
     Attributes
     ----------
     angle : float
         Angle of the steering motor in rad, left positive.
     rate : float
-        Its rate in rad/s.
+        Rate of the steering motor in rad/s.
     supply : float
         Voltage of the servo's supply in V.
     estop_pressed : bool
         Whether the hardware e-stop is pressed.
     adc : int or None
-        Counts of the potentiometer; None: those of `angle`.
+        Reading of the potentiometer in counts; None: follows from `angle`.
     """
 
     angle: float = 0.0
@@ -75,7 +75,7 @@ class SteerMeasurement:
 
 @dataclass(frozen=True)
 class SteerOutput:
-    """What the steer PLC does to the steering.
+    """Outputs of the steer PLC to the steering.
 
     Attributes
     ----------

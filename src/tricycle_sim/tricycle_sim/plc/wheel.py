@@ -26,14 +26,14 @@ _WINDOW = 0.4  # s over which the slope is estimated from speeds
 
 
 class WheelCheck:
-    """The check, tick by tick, in the direction of the gear.
+    """The check of torque against hall pulses, tick by tick, in the direction of the gear.
 
     Parameters
     ----------
     pulse : float
         Travel per hall pulse [m].
     radius : float
-        Of the tyre [m].
+        Radius of the tyre [m].
     mass_low, mass_high : float
         Lightest and heaviest vehicle at the tread, wheels' inertia included [kg].
     """
@@ -63,18 +63,18 @@ class WheelCheck:
         self._slow_gain = self._slow_travel = self._fast_gain = self._fast_travel = 0.0
 
     def fails(self, torque: float, pulses: int, speed: float, setpoint: float) -> bool:
-        """Whether torque and pulses do not fit together any more.
+        """Return whether torque and pulses contradict each other.
 
         Parameters
         ----------
         torque : float
-            Of the motor in the last tick [N m].
+            Torque of the motor in the last tick [N m].
         pulses : int
-            Since the last tick.
+            Number of pulses since the last tick.
         speed : float
-            Measured [m/s].
+            Measured speed [m/s].
         setpoint : float
-            Of the speed [m/s]; all four positive in the direction of the gear.
+            Speed set-point [m/s]; all four positive in the direction of the gear.
         """
         self._torque += (torque - self._torque) * TICK / (TICK + TORQUE_LAG)
         pushes = self._torque > 0.0

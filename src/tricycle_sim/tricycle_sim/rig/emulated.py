@@ -17,11 +17,11 @@ class EmulatedRig(PlcRig):
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
     """
 
     def __init__(

@@ -9,7 +9,7 @@ from tricycle_core.timing import TICK
 
 
 class FaultKind(enum.Enum):
-    """What fails."""
+    """Kind of fault: the part that fails."""
 
     HALL_OPEN = "hall wire broken"  # no pulses; the pull-up's voltage
     HALL_SHORT = "hall wire shorted to ground"  # no pulses; no voltage
@@ -50,11 +50,12 @@ class RigFault:
     Attributes
     ----------
     kind : FaultKind
-        What fails.
+        Part that fails, and how.
     start : float
-        When, in the rig's time [s].
+        Time at which it begins, in the rig's time [s].
     end : float
-        When it is mended [s]. A reset is over at once, a hang with the hardware watchdog's reset.
+        Time at which it is repaired [s]. A reset is over at once, a hang with the hardware
+        watchdog's reset.
     value : float
         Supply in V or step of the clock in s; other kinds have none.
     """
@@ -87,7 +88,7 @@ class FaultPlan:
     Attributes
     ----------
     faults : tuple of RigFault
-        In any order; of two of a kind at the same time the first counts.
+        Faults in any order; of two of a kind at the same time the first counts.
     """
 
     faults: tuple[RigFault, ...] = ()

@@ -41,7 +41,7 @@ _LEAD_US = 3 * _TICK_US // 2
 
 
 class _FirmwareBoard:
-    """One simulated UNO, and what its line shows of its state."""
+    """One simulated UNO, and its state as its messages report it."""
 
     def __init__(self, board: Board, build: Path) -> None:
         self._board = board
@@ -94,18 +94,18 @@ class FirmwareRig(Rig):
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     build : Path
         Directory of the firmware's images and the simulator: `make -C firmware avr simulator`.
     faults : FaultPlan
         Faults of wires, boards and host. A board that is reset is one fresh from the flashing.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
 
     Raises
     ------
     LinkError
-        If they are not there.
+        If the files of the build are missing.
     """
 
     def __init__(

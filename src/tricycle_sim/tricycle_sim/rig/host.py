@@ -25,22 +25,22 @@ class Host:
     rig : Rig
         Vehicle and boards.
     settings : BridgeSettings
-        Of the bridge.
+        Settings of the bridge.
 
     Attributes
     ----------
     bridge : Bridge
         The two links.
     target : VehicleCommand or None
-        What the commander sends at every tick; None: nothing.
+        Command that the commander sends at every tick; None: nothing.
     odometry : bool
-        Whether the bridge hears the vehicle's true speed as odometry, at 20 Hz.
+        Whether the bridge receives the vehicle's true speed as odometry, at 20 Hz.
     imu : bool
-        Whether it hears the true specific force, at 100 Hz.
+        Whether it receives the true specific force, at 100 Hz.
     readings : list of JointReadings
         The joints measured in the newest tick.
     log : list of str
-        What the bridge has said.
+        Messages that the bridge has logged.
     """
 
     def __init__(self, rig: Rig, settings: BridgeSettings | None = None) -> None:
@@ -92,12 +92,12 @@ class Host:
                 self._hear(board, self.rig.receive(board, b"".join(frames)))
 
     def run(self, seconds: float) -> None:
-        """Tick for a while.
+        """Run ticks for some time.
 
         Parameters
         ----------
         seconds : float
-            For so long.
+            Duration [s].
         """
         for _ in range(round(100 * seconds)):
             self.tick()
@@ -113,7 +113,7 @@ class Host:
         Raises
         ------
         LinkError
-            With the bridge's last words, if the boards stop.
+            If the boards stop; the message has the bridge's last words.
         """
         for row in command_rows(commands):
             angle, speed = commands.steering_motor_angle[row], commands.speed[row]
@@ -129,7 +129,7 @@ class Host:
         Raises
         ------
         LinkError
-            With the bridge's reason, if they do not arm.
+            If the boards do not arm; the message has the bridge's reason.
         """
         outcomes: list[str] = []
         self.target = VehicleCommand(0.0, 0.0)

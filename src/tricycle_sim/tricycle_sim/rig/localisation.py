@@ -14,13 +14,13 @@ class PoseNoise:
     Attributes
     ----------
     position : float
-        Per axis [m].
+        Standard deviation of the position per axis [m].
     yaw : float
-        Heading [rad].
+        Standard deviation of the heading [rad].
     speed : float
-        Per axis [m/s].
+        Standard deviation of the velocity per axis [m/s].
     yaw_rate : float
-        Rate of the heading [rad/s].
+        Standard deviation of the yaw rate [rad/s].
     """
 
     position: float = 0.01
@@ -54,16 +54,16 @@ class MeasuredPose:
 
 
 def measure_pose(state: LiveState, noise: PoseNoise, rng: np.random.Generator) -> MeasuredPose:
-    """Return what a localisation measures of a state.
+    """Return the pose that a localisation measures.
 
     Parameters
     ----------
     state : LiveState
-        True motion.
+        True state of the vehicle.
     noise : PoseNoise
-        Of the localisation.
+        Noise of the localisation.
     rng : Generator
-        Source of the noise; six numbers are drawn.
+        Random generator of the noise; six numbers are drawn.
     """
     n = rng.standard_normal(6)
     return MeasuredPose(

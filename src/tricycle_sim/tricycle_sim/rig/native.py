@@ -17,18 +17,18 @@ class NativeRig(PlcRig):
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     build : Path
         Directory of the libraries: `make -C firmware host`.
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
 
     Raises
     ------
     LinkError
-        If they are not there.
+        If the files of the build are missing.
     """
 
     def __init__(

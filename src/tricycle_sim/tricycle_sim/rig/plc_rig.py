@@ -17,16 +17,16 @@ TICK_US = round(TICK * 1e6)
 
 
 class Push(NamedTuple):
-    """What the drive board does to the rear wheel.
+    """Command of the drive board to the rear wheel.
 
     Attributes
     ----------
     speed : float or None
         Set-point [m/s] of the vehicle's own speed controller; None: `torque` counts.
     torque : float
-        Of the motor [N m].
+        Torque of the motor [N m].
     brake : float
-        0 (released) to 1 (full).
+        Brake command, 0 (released) to 1 (full).
     """
 
     speed: float | None
@@ -44,13 +44,13 @@ class PlcRig(Rig):
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     steer, drive : PLC
         The boards.
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What every rig is: vehicle, steer board and drive board on one clock."""
+"""Base of all rigs: vehicle, steer board and drive board on one clock."""
 
 import dataclasses
 import math
@@ -24,18 +24,18 @@ _CABLE = {Board.STEER: FaultKind.STEER_CABLE, Board.DRIVE: FaultKind.DRIVE_CABLE
 
 
 class Rig(Closing):
-    """Vehicle, steer board and drive board on one clock that `step` moves on by 10 ms.
+    """Vehicle, steer board and drive board on one clock; `step` advances it by 10 ms.
 
     Bytes in, bytes and states out; ports, wall clock and topics belong to the node that owns it.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With its true values.
+        Vehicle with its true values.
     faults : FaultPlan
         Faults of wires, boards and host.
     plant : Plant, optional
-        What the boards drive; by default our own model of the vehicle.
+        Plant that the boards drive; by default our own model of the vehicle.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Rig(Closing):
 
     @property
     def host_time(self) -> float:
-        """What the host's clock reads in s: `time`, and its steps."""
+        """Reading of the host's clock [s]: `time` and the clock's steps."""
         return self.time + self._faults.get(FaultKind.HOST_CLOCK, 0.0)
 
     @property
@@ -112,7 +112,7 @@ class Rig(Closing):
 
     @property
     def active_faults(self) -> set[FaultKind]:
-        """What fails at `time`."""
+        """Kinds of the faults that act at `time`."""
         return set(self._faults)
 
     def plugged(self, board: Board) -> bool:
@@ -126,12 +126,12 @@ class Rig(Closing):
         return _CABLE[board] not in self._faults
 
     def fail(self, kinds: Collection[FaultKind]) -> None:
-        """Let these fail from the next step on, and nothing else; what fails already goes on.
+        """Set the faults that act from the next step on; those already acting continue.
 
         Parameters
         ----------
         kinds : collection of FaultKind
-            What fails; empty: all is mended.
+            Parts that fail; empty: all are repaired.
         """
         began = {fault.kind: fault.start for fault in self._plan.faults}
         start = self.time + TICK  # the tick in which the next step looks at the plan
@@ -140,7 +140,7 @@ class Rig(Closing):
         )
 
     def reset(self, start: Pose = ORIGIN) -> None:
-        """Put the vehicle at rest at a pose and reboot both boards; time goes on.
+        """Put the vehicle at rest at a pose and reboot both boards; the clock is not reset.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class Rig(Closing):
         board : Board
             Steer or drive.
         data : bytes
-            As they come from the line.
+            Bytes as they come from the line.
         """
         if self._cut_off(board) or _HANG[board] in self._faults:
             return b""

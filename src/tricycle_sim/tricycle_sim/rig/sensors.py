@@ -1,4 +1,4 @@
-"""What of the vehicle's sensors reaches the boards, over whole wires and broken ones."""
+"""Sensor readings as they reach the boards, over intact and broken wires."""
 
 import math
 
@@ -34,16 +34,16 @@ class HallSensor:
         self._edge = 0  # true number of the newest edge
 
     def turn(self, travel: float, time: float, faults: dict[FaultKind, float]) -> None:
-        """Turn the wheel on.
+        """Turn the wheel further.
 
         Parameters
         ----------
         travel : float
-            Of the tread since the start [m].
+            Travel of the tread since the start [m].
         time : float
-            At which it has come so far [s].
+            Time at which this travel is reached [s].
         faults : dict of FaultKind to float
-            That are there now.
+            Faults that act now, with their values.
         """
         # half a pulse before its first edge at the start
         edge = math.floor(travel / self._pulse + 0.5)
@@ -66,9 +66,9 @@ def measured_speed(speed: float, faults: dict[FaultKind, float]) -> float:
     Parameters
     ----------
     speed : float
-        At the tread [m/s].
+        Speed at the tread [m/s].
     faults : dict of FaultKind to float
-        That are there now.
+        Faults that act now, with their values.
     """
     if _NO_PULSES & faults.keys():
         return 0.0
@@ -78,12 +78,12 @@ def measured_speed(speed: float, faults: dict[FaultKind, float]) -> float:
 
 
 def broken_lines(faults: dict[FaultKind, float]) -> tuple[float | None, float | None]:
-    """Return the voltages of the hall sensor's lines, pulse and direction [V]; None: whole.
+    """Return the hall sensor's line voltages, pulse and direction [V]; None: the line is intact.
 
     Parameters
     ----------
     faults : dict of FaultKind to float
-        That are there now.
+        Faults that act now, with their values.
     """
     hall = None
     if FaultKind.HALL_OPEN in faults:
@@ -99,7 +99,7 @@ def line_voltages(faults: dict[FaultKind, float]) -> tuple[float, float]:
     Parameters
     ----------
     faults : dict of FaultKind to float
-        That are there now.
+        Faults that act now, with their values.
     """
     hall, direction = (
         level if broken is None else broken
@@ -109,12 +109,12 @@ def line_voltages(faults: dict[FaultKind, float]) -> tuple[float, float]:
 
 
 def broken_potentiometer(faults: dict[FaultKind, float]) -> int | None:
-    """Return the counts that a broken wire shows; None where it is whole.
+    """Return the counts of a potentiometer with a broken wire; None if it is intact.
 
     Parameters
     ----------
     faults : dict of FaultKind to float
-        That are there now.
+        Faults that act now, with their values.
     """
     if FaultKind.POTENTIOMETER_LOW in faults:
         return 0

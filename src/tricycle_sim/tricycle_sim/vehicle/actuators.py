@@ -89,7 +89,7 @@ GEARED: StepFormulas = {
 _D = numbered(GEARED)
 
 LONGEST_DELAY = 0.5
-"""Of a servo [s]; as many set-points are kept."""
+"""Longest delay of a servo [s]; set-points of this time are kept."""
 
 _LIMITS: Formulas = {
     "torque": lambda v: v.motor_torque,
@@ -158,11 +158,11 @@ def second_order(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering, for the length of the step.
+        Constants of the steering for the length of the step; see `steering.BLOCK`.
     c : int
-        Where the servo's constants start in it.
+        Index in `constants` at which the servo's begin.
     angle, rate : float
-        At the start of the step [rad, rad/s].
+        Angle and rate at the start of the step [rad, rad/s].
     earlier : float
         Set-point before [rad]; a servo with dead time has it for the first part of the step.
     setpoint : float
@@ -193,13 +193,13 @@ def geared(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering, for the length of the step.
+        Constants of the steering for the length of the step; see `steering.BLOCK`.
     c : int
-        Where the servo's constants start in it.
+        Index in `constants` at which the servo's begin.
     angle, rate : float
-        At the start of the step [rad, rad/s].
+        Angle and rate at the start of the step [rad, rad/s].
     earlier, setpoint : float
-        In the first and in the rest of the step [rad].
+        Set-points in the first and in the rest of the step [rad].
     """
     error, change = angle - earlier, earlier - setpoint
     angle = (
@@ -224,18 +224,18 @@ def geared(
 def behind_play(
     constants: FloatArray, c: int, output: float, angle: float, rate: float
 ) -> tuple[float, float]:
-    """Return angle [rad] and rate [rad/s] behind a gear with play, which moves when it is pushed.
+    """Return angle [rad] and rate [rad/s] behind a gear with play; it moves only when pushed.
 
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the constants of a `geared` servo start in it.
+        Index in `constants` at which those of a `geared` servo begin.
     output : float
-        Angle behind the play until now [rad].
+        Present angle behind the play [rad].
     angle, rate : float
-        Of the motor [rad, rad/s].
+        Angle and rate of the motor [rad, rad/s].
     """
     play = constants[c + _D.play]
     low, high = angle - play, angle + play
@@ -254,24 +254,24 @@ def hub_motor(
     speed_mode: float,
     demand: float,
 ) -> tuple[float, float, float]:
-    """Return how torque and integrator change, for a torque limited by power, speed and current.
+    """Return the slopes of torque and integrator of a motor limited by power, speed and current.
 
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the motor's constants of the vehicle start in `g`.
+        Index in `g` at which the motor's constants of the vehicle begin.
     spin : float
-        Of the driven wheel [rad/s].
+        Spin of the driven wheel [rad/s].
     torque : float
-        Of the motor [N m].
+        Torque of the motor [N m].
     integrator : float
-        Of the speed controller [rad].
+        State of the speed controller's integrator [rad].
     speed_mode : float
         1: `demand` is a speed of the wheel's circumference [m/s]; 0: a torque [N m].
     demand : float
-        Set-point.
+        Set-point of the motor: a speed or a torque, see `speed_mode`.
 
     Returns
     -------
@@ -336,14 +336,14 @@ def direct_torque(
     speed_mode: float,
     demand: float,
 ) -> tuple[float, float, float]:
-    """Return how torque and integrator change, for a motor whose set-point is a torque.
+    """Return the slopes of torque and integrator of a motor whose set-point is a torque.
 
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     spin, torque, integrator, speed_mode : float
         As of `hub_motor`.
     demand : float
@@ -368,14 +368,14 @@ def throttle_curve(
     speed_mode: float,
     demand: float,
 ) -> tuple[float, float, float]:
-    """Return how torque and integrator change, for a throttle with a table of torques.
+    """Return the slopes of torque and integrator of a throttle with a table of torques.
 
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     spin, torque, integrator, speed_mode : float
         As of `hub_motor`.
     demand : float
@@ -408,15 +408,15 @@ def friction_brake(g: FloatArray, c: int, spin: float, share: float, others: flo
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the brake's constants of the vehicle start in `g`.
+        Index in `g` at which the brake's constants of the vehicle begin.
     spin : float
-        Of the braked wheel [rad/s].
+        Spin of the braked wheel [rad/s].
     share : float
-        Command, 0 to 1.
+        Brake command, 0 (released) to 1 (full).
     others : float
-        Moment of all else on the wheel [N m].
+        Moment of everything else on the wheel [N m].
     """
     most = share * g[c + _B.torque]
     moment: float = max(-most, min(most, others + g[c + _B.stiffness] * spin))

@@ -12,7 +12,7 @@ def arctan(t: float) -> float:
     Parameters
     ----------
     t : float
-        From -1 to 1.
+        Tangent, -1 to 1.
     """
     # odd polynomial through the Chebyshev nodes of t^2 in [0, 1]
     z = t * t
@@ -45,7 +45,7 @@ def arctan_positive(t: float) -> float:
     Parameters
     ----------
     t : float
-        From 0 on.
+        Tangent, 0 or more.
     """
     steep = t > 1.0
     angle = arctan(1.0 / t if steep else t)
@@ -59,7 +59,7 @@ def sine(x: float) -> float:
     Parameters
     ----------
     x : float
-        From 0 to pi [rad].
+        Angle, 0 to pi [rad].
     """
     y = min(x, math.pi - x)
     z = y * y

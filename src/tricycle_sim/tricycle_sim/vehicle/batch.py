@@ -112,7 +112,7 @@ def simulate(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """Drive vehicles that differ in their unknown parameters by the same commands.
+    """Simulate vehicles that differ in their unknown parameters, all with the same commands.
 
     Every vehicle starts in static equilibrium at the origin, heading +x. RK4 with steps of
     10 ms. Memory grows with n times t; `planar.simulate_planar` avoids that.
@@ -120,19 +120,19 @@ def simulate(
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels that touch the ground.
+        Vehicle whose wheels touch the ground.
     commands : Commands
-        Each held until the next.
+        Commands, each held until the next.
     parameters : ndarray of float, shape (n, k), optional
         Values of `vehicle.unknown` in its order; by default the one nominal vehicle.
     speed : float or shape (n,)
-        At which the vehicles roll at the start [m/s]; by default they are at rest.
+        Speed at which the vehicles roll at the start [m/s]; by default they are at rest.
     setpoint : float
-        Of the speed before the first command [m/s].
+        Speed set-point before the first command [m/s].
     threads : int, optional
-        By default one for each processor this process may use.
+        Number of threads; by default one for each processor that this process may use.
     progress : callable, optional
-        Called with the samples done and in all.
+        Called with the number of samples done and the number of all.
 
     Raises
     ------
@@ -228,18 +228,18 @@ _DERIVED: dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What `CommandedBatch.run` found of n samples.
+    """Result of `CommandedBatch.run` for n samples.
 
     Attributes
     ----------
     columns : dict of str to ndarray of float, shape (n, t)
-        Those that were asked for.
+        Recorded columns, by name.
     steering_motor_angle : ndarray of float, shape (n, t)
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
     groups : ndarray of float, shape (b, ROWS * LANES)
-        The vehicles at the end.
+        Groups of the vehicles at the end.
     wheels : tuple of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     """
 
     columns: dict[str, FloatArray]
@@ -249,31 +249,31 @@ class Run:
 
     @property
     def feasibility(self) -> Feasibility:
-        """What the drive asked of each sample."""
+        """Wheel loads, saturations and roll-over of each sample."""
         samples = len(next(iter(self.columns.values())))
         return read_feasibility(self.groups, samples, self.wheels)
 
 
 class CommandedBatch:
-    """One history of commands on any samples of a vehicle; set-points and steering are found once.
+    """One sequence of commands for any samples of a vehicle; steering is computed once.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Of which samples are driven.
+        Vehicle whose samples are simulated.
     commands : Commands
-        Each held until the next.
+        Commands, each held until the next.
     setpoint : float
-        Of the speed before the first command [m/s].
+        Speed set-point before the first command [m/s].
 
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Of all columns [s].
+        Times of all columns [s].
     steering_motor_angle : ndarray of float, shape (t,)
-        Of the nominal vehicle [rad].
+        Steering motor angle of the nominal vehicle [rad].
     available : dict
-        Every column that can be recorded, by name: the rows that it needs, and how it follows.
+        Every column that can be recorded, by name: the rows that it needs, and how it is computed.
 
     Raises
     ------
@@ -364,15 +364,15 @@ class CommandedBatch:
         parameters : ndarray of float, shape (n, k)
             Values of `vehicle.unknown` in its order.
         columns : sequence of str
-            What to record: names of columns of `Trajectory`, or `vx_world`, `vy_world` [m/s];
+            Columns to record: names of columns of `Trajectory`, or `vx_world`, `vy_world` [m/s];
             not the steering motor's angle.
         speed : ndarray of float, shape (n,), optional
-            At which the vehicles roll at the start [m/s]; by default they are at rest.
+            Speed at which the vehicles roll at the start [m/s]; by default they are at rest.
         steering_delay : ndarray of float, shape (n,), optional
-            By which each servo hears of its set-point later [s]; default: not at all. The motion
-            is smoother in it than in `servo_delay`, by which set-points change between ticks.
+            Additional delay of each servo's set-point [s]; default: none. The motion is smoother in
+            it than in `servo_delay`, by which set-points change between ticks.
         drive_delay : float
-            By which the motor hears of its set-point later [s].
+            Additional delay of the motor's set-point [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s]; default: none.
         steered : ndarray of float, shape (n, t), optional
@@ -501,9 +501,9 @@ def run_blocks(
     Parameters
     ----------
     run : callable
-        With the numbers of the first sample of a block and of the one after its last.
+        Called with the number of a block's first sample and the number after its last.
     n : int
-        Samples.
+        Number of samples.
     threads : int or None
         As for `simulate`.
     progress : callable or None

@@ -27,7 +27,7 @@ ROAD_CONSTANTS = (
     between("road_grade", "rad", -0.5, 0.5, default=0.0),  # of the x axis above the horizontal
     between("road_bank", "rad", -0.5, 0.5, default=0.0),  # of the y axis above the horizontal
 )
-"""Of the road, a plane whose frame is the world's of all trajectories."""
+"""Constants of the road, a plane; its frame is that of all trajectories."""
 
 SHORTHANDS = {
     "com_to_front_axle": positive("com_to_front_axle", "m"),
@@ -44,7 +44,7 @@ def upward(values: Any) -> tuple[Any, Any, Any]:
     Parameters
     ----------
     values : object
-        With `road_grade` and `road_bank` as attributes; numbers or arrays.
+        Object with the attributes `road_grade` and `road_bank`, numbers or arrays.
     """
     x, y = np.sin(values.road_grade), np.sin(values.road_bank)
     return x, y, np.sqrt(1.0 - x * x - y * y)

@@ -7,7 +7,6 @@ Letters of array shapes: `n` samples, `k` unknown parameters, `t` time points.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import hashlib
 import json
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tricycle_core.errors import VehicleError
+from tricycle_core.errors import VehicleError, hint
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.body import SHORTHANDS, upward
 from tricycle_sim.vehicle.laws import Constant
@@ -57,20 +56,21 @@ class Vehicle:
     Attributes
     ----------
     name : str
-        Of the vehicle.
+        Name of the vehicle.
     values : mapping of str to float
         Every constant by its entry in a vehicle file: `mass`, `front.cornering_stiffness`.
     unknown : mapping of str to (float, float)
         Range of each unknown parameter.
     parts : mapping of str to str
-        Laws that are not the default, by part.
+        Law of each part that does not have the default law.
     wheels : tuple of Wheel
-        Three or four, in their order everywhere.
+        The three or four wheels, in the order used everywhere.
 
     Raises
     ------
     VehicleError
-        Naming the first entry that is missing, unknown to the vehicle or out of its range.
+        If an entry is missing, unknown to the vehicle or out of its range; the message names the
+        first.
     """
 
     name: str
@@ -265,12 +265,13 @@ class Vehicle:
         Parameters
         ----------
         **values : float
-            By the constant's name, in its unit; of an unknown parameter the nominal value.
+            New value by the constant's name, in its unit; for an unknown parameter the nominal
+            value.
 
         Raises
         ------
         VehicleError
-            If a name is no constant of a vehicle, no wheel reads it, or a value is out of its
+            If a name is not a constant of a vehicle, no wheel reads it, or a value is out of its
             range.
         """
         entries = constant_entries(self.wheels, self.parts)
@@ -282,19 +283,19 @@ class Vehicle:
 
 
 def constant_entries(wheels: tuple[Wheel, ...], parts: Mapping[str, str]) -> dict[str, Constant]:
-    """Return what a vehicle file may hold, in the order of fingerprints.
+    """Return the entries that a vehicle file may have, in the order of fingerprints.
 
     Parameters
     ----------
     wheels : tuple of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
 
     Returns
     -------
     dict of str to Constant
-        By entry: `tyre_radius`, `front.tyre_radius`, `left.tyre_radius`.
+        Constants by entry: `tyre_radius`, `front.tyre_radius`, `left.tyre_radius`.
     """
     return _entries(wheels, tuple(parts.items()))
 
@@ -322,39 +323,39 @@ def _entries(wheels: tuple[Wheel, ...], parts: tuple[tuple[str, str], ...]) -> d
 
 
 def check_entry(name: str, entries: Mapping[str, Constant]) -> None:
-    """Raise a `VehicleError` unless a vehicle has a constant, saying what may be meant.
+    """Raise a `VehicleError` unless a vehicle has a constant; the message suggests one.
 
     Parameters
     ----------
     name : str
         Entry of a vehicle file.
     entries : mapping
-        From `constant_entries`.
+        Constants by entry, from `constant_entries`.
     """
     if name in entries:
         return
     plain = name.rpartition(".")[2]
-    hint = suggest_name(name, entries)
+    meant = hint(name, entries)
     if owner := other_owner(name):
-        hint = f"{owner} reads it, and this vehicle has none{' there' if plain != name else ''}"
+        meant = f"{owner} reads it, and this vehicle has none{' there' if plain != name else ''}"
     elif plain in entries and plain != name:
-        hint = f"did you mean {plain}?"
-    raise VehicleError(f"{name}: is no constant of this vehicle; {hint}")
+        meant = f"did you mean {plain}?"
+    raise VehicleError(f"{name}: is not a constant of this vehicle; {meant}")
 
 
 def missing_entries(
     wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Iterable[str]
 ) -> list[str]:
-    """Return what a vehicle still needs, a message each.
+    """Return one message per constant that a vehicle file lacks.
 
     Parameters
     ----------
     wheels : tuple of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
     given : iterable of str
-        Entries that there are.
+        Entries that the vehicle has.
     """
     names = set(given)
     entries = constant_entries(wheels, parts)
@@ -389,18 +390,18 @@ def check_read(
     given: Iterable[str],
     told: Collection[str] | None = None,
 ) -> None:
-    """Raise a `VehicleError` for an entry of which every wheel has a more special one.
+    """Raise a `VehicleError` for an entry that no wheel reads, as each has a more specific one.
 
     Parameters
     ----------
     wheels : tuple of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
     given : iterable of str
-        Entries that there are, all of them of this vehicle.
+        All entries that the vehicle has.
     told : collection of str, optional
-        Those that have to be read; by default all.
+        Entries that must be read by a wheel; by default all.
     """
     names = set(given)
     looked_at = names if told is None else set(told)
@@ -430,30 +431,13 @@ def _entry_for(
 
 
 def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
-    """Return values of the unknown parameters by name, uniform in their ranges.
+    """Return random values of the unknown parameters by name, uniform in their ranges.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the ranges.
+        Vehicle with the ranges of its unknown parameters.
     rng : Generator
-        Source of the values.
+        Random generator.
     """
     return {name: float(rng.uniform(low, high)) for name, (low, high) in vehicle.unknown.items()}
-
-
-def suggest_name(name: str, names: Iterable[str]) -> str:
-    """Return a hint at what was meant by a wrong name.
-
-    Parameters
-    ----------
-    name : str
-        The wrong one.
-    names : iterable of str
-        The right ones.
-    """
-    known = list(names)
-    close = difflib.get_close_matches(name, known, n=1)
-    if close:
-        return f"did you mean {close[0]}?"
-    return f"must be one of {', '.join(known)}" if len(known) < 10 else "see tricycle.yaml for them"

@@ -1,4 +1,4 @@
-"""What a drive asked of each vehicle: wheel loads, friction, saturations, roll-over."""
+"""Limits reached in a simulated drive: wheel loads, friction, saturations, roll-over."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -27,13 +27,13 @@ class Event:
 
     @property
     def happened(self) -> NDArray[np.bool_]:
-        """Which samples it happened to, shape (n,)."""
+        """Whether it happened, for each sample, shape (n,)."""
         return np.isfinite(self.time)
 
 
 @dataclass(frozen=True)
 class Feasibility:
-    """What a drive asked of each of n vehicles, with time and place."""
+    """Limits that each of n vehicles reached in a drive, with time and place."""
 
     # smallest load by wheel [N]; 0: the wheel lifted, then time and place of that
     least_load: Mapping[str, Event]
@@ -45,7 +45,7 @@ class Feasibility:
 
     @property
     def wheel_lifted(self) -> NDArray[np.bool_]:
-        """Which samples lifted a wheel, shape (n,)."""
+        """Whether a wheel lifted, for each sample, shape (n,)."""
         lifted: NDArray[np.bool_] = np.any(
             [event.value <= 0.0 for event in self.least_load.values()], axis=0
         )
@@ -53,7 +53,7 @@ class Feasibility:
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
-        """Which samples neither saturated the steering, lifted a wheel nor rolled over, (n,)."""
+        """Whether steering was not saturated, no wheel lifted, and none rolled over, shape (n,)."""
         bad = self.wheel_lifted | self.steering_saturated.happened | self.rolled_over.happened
         return ~bad
 
@@ -76,16 +76,16 @@ class Feasibility:
 
 
 def read_feasibility(groups: FloatArray, n: int, wheels: Sequence[Wheel]) -> Feasibility:
-    """Return what the groups remember of their runs.
+    """Return the limits that vehicles reached, as recorded in their groups.
 
     Parameters
     ----------
     groups : shape (b, ROWS * LANES)
-        After `advance`.
+        Groups of the vehicles, after `advance`.
     n : int
         Number of samples.
     wheels : sequence of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     """
     rows = groups.reshape(len(groups), -1, LANES)
 

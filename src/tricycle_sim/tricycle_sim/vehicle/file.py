@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from tricycle_core.documents import parse_yaml, read_bounded
-from tricycle_core.errors import VehicleError
+from tricycle_core.errors import VehicleError, hint
 from tricycle_sim.vehicle.constants import (
     Vehicle,
     check_entry,
     check_read,
     constant_entries,
-    suggest_name,
 )
 from tricycle_sim.vehicle.laws import Constant
 from tricycle_sim.vehicle.parts import check_steering
@@ -33,7 +32,7 @@ ENTRY_KEYS = ("value", "nominal", "range", "unit", "basis", "about")
 
 
 class Basis(enum.Enum):
-    """What a number of the vehicle file rests on."""
+    """Basis of a number in the vehicle file."""
 
     DATA = "data"  # measured or published for this vehicle
     ARGUED = "argued"  # our choice, with its reason
@@ -188,5 +187,4 @@ def _check_keys(
 ) -> None:
     for key in entries:
         if key not in keys:
-            hint = suggest_name(str(key), keys)
-            raise VehicleError(f"{place}{key}: is no key of {what}; {hint}")
+            raise VehicleError(f"{place}{key}: is not a key of {what}; {hint(key, keys)}")

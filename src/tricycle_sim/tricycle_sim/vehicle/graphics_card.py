@@ -28,9 +28,9 @@ logging.getLogger("numba.cuda").setLevel(logging.WARNING)  # it tells of every a
 warnings.filterwarnings("ignore", message=".*under-utilization")
 
 _THREADS = 64
-"""Of a block of the card; a whole number of groups. Fewer or more do not pay, up to 128."""
+"""Threads of a block of the card; a whole number of groups. Fewer or more do not pay, up to 128."""
 _OWN_ROWS = ROWS * LANES
-"""Of a thread's copy of its vehicle: laid out as a group of which it uses the first lane."""
+"""Rows of a thread's copy of its vehicle: a group of which it uses the first lane."""
 
 
 def is_there() -> bool:
@@ -46,7 +46,7 @@ def advance_for(vehicle: Vehicle, *, own_commands: bool = False) -> Callable[...
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws are used.
     own_commands : bool
         As for `functions_for`.
     """
@@ -84,7 +84,7 @@ def page_locked(blocks: int, size: int) -> FloatArray:
     Parameters
     ----------
     blocks, size : int
-        Its shape.
+        Number of blocks and size of each: the shape of the array.
     """
     memory: FloatArray = cuda.pinned_array((blocks, size))
     return memory

@@ -35,7 +35,7 @@ from tricycle_sim.vehicle.registry import wheel_values
 SETTLE_STEPS = 8
 """Steps of Newton's method from a first guess to the pose at rest."""
 SETTLE_WIDTH = 1e-7
-"""Of the central differences in it [m, rad]."""
+"""Step of the central differences in that method [m, rad]."""
 _AT_REST = 1e-9  # m/s^2 and rad/s^2: a vehicle with smaller accelerations stands
 
 
@@ -45,7 +45,7 @@ def motor_in_the_middle(vehicle: Vehicle, point: FloatArray | None = None) -> Fl
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of steering.
+        Vehicle with its steering linkage.
     point : ndarray of float, shape (k,), optional
         Values of `vehicle.unknown`, in its order; by default the nominal ones.
     """
@@ -89,7 +89,7 @@ def equilibrium(vehicle: Vehicle) -> Equilibrium:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels that touch the ground.
+        Vehicle whose wheels touch the ground.
     """
     nominal, k = vehicle.nominal_point(), len(vehicle.unknown)
     steered_by = steering_columns(vehicle)
@@ -116,18 +116,18 @@ def pack(
     Parameters
     ----------
     vehicle : Vehicle
-        Of which they are samples.
+        Vehicle; the samples differ in its unknown parameters.
     parameters : ndarray of float, shape (n, k)
         Values of `vehicle.unknown`, in its order.
     start : Equilibrium
-        Of the vehicle. Where the parameters move it, every sample stands in its own.
+        Equilibrium of the vehicle. Where the parameters move it, every sample stands in its own.
     speed : ndarray of float, shape (n,), optional
-        At which they roll straight on [m/s]; by default they are at rest.
+        Speed at which they roll straight on [m/s]; by default they are at rest.
 
     Returns
     -------
     ndarray of float, shape (ceil(n / LANES), ROWS * LANES)
-        Lanes beyond n repeat the last vehicle.
+        Groups; lanes beyond n repeat the last vehicle.
     """
     parameters = np.asarray(parameters, dtype=float)
     poses = np.array([start.pose])
@@ -153,14 +153,14 @@ def sample_values(vehicle: Vehicle, parameters: FloatArray) -> dict[str, Any]:
     Parameters
     ----------
     vehicle : Vehicle
-        Of which they are samples.
+        Vehicle; the samples differ in its unknown parameters.
     parameters : ndarray of float, shape (n, k) or (k,)
         Values of `vehicle.unknown`, in its order.
 
     Returns
     -------
     dict of str to float or ndarray of float, shape (n,)
-        Arrays of the unknown ones.
+        Value of each constant; arrays for the unknown ones.
     """
     return {**vehicle.values, **dict(zip(vehicle.unknown, parameters.T, strict=True))}
 

@@ -66,23 +66,24 @@ _P = numbered(PLACE, step=LANES)
 
 
 class Laws(NamedTuple):
-    """What is compiled into the equations: constants for the compiler.
+    """Structure and laws that are compiled into the equations: constants for the compiler.
 
     Attributes
     ----------
     wheels : int
-        Three or four.
+        Number of wheels, three or four.
     states : int
-        Rows of states that they need.
+        Number of rows of states.
     own_commands : bool
         Whether each vehicle of a group has its own table of the steering, and a speed of its own
-        that is added to the motor's demand.
+        that is added to the motor's set-point.
     sides, driven, braked : tuple
         As in `Structure`.
     tyre_0, tyre_1, tyre_2, tyre_3 : compiled function
-        Law of each wheel's tyre; in a tuple numba would call it through a pointer.
+        Law of each wheel's tyre; separate fields, because numba calls an entry of a tuple through a
+        pointer.
     motor, brake, servo, linkage : compiled function
-        Law of the part.
+        Law of each of these parts.
     """
 
     wheels: int
@@ -225,20 +226,20 @@ def slopes(
     demand: float,
     brake: float,
 ) -> None:
-    """Write the slopes of all states of a vehicle at its present state; in compiled code.
+    """Write the time derivatives of all states of a vehicle; called from compiled code.
 
     Parameters
     ----------
     laws : Laws
-        Of its structure.
+        Structure and laws of the vehicle.
     g : ndarray of float, shape (ROWS * LANES,)
-        Group that it is in.
+        Group of the vehicle.
     i : int
-        Its lane.
+        Lane of the vehicle in the group.
     steering : tuple of float
-        A row of the table of `steer`.
+        Row of the table that `steer` writes.
     speed_mode, demand, brake : float
-        A row of `COMMAND`.
+        Values of a row of `COMMAND`.
     """
     q0, q1 = g[STATE.q0 * LANES + i], g[STATE.q1 * LANES + i]
     q2, q3 = g[STATE.q2 * LANES + i], g[STATE.q3 * LANES + i]
@@ -400,16 +401,16 @@ def _note(g: FloatArray, i: int, event: int, new: bool, value: float, tick: floa
 
 @inlined
 def watch(laws: Laws, g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
-    """Note what happens to a vehicle at a tick, and whether it is upright; in compiled code.
+    """Record the limits that a vehicle reaches at a tick, and whether it is upright; compiled.
 
     Parameters
     ----------
     laws : Laws
         As for `slopes`.
     g : ndarray of float, shape (ROWS * LANES,)
-        Group that it is in, its slopes evaluated.
+        Group of the vehicle, with its slopes evaluated.
     i : int
-        Its lane.
+        Lane of the vehicle in the group.
     tick : float
         Number of the tick.
     steering_lag : float
@@ -516,12 +517,12 @@ def _advance(
 
 @inlined
 def position(groups: FloatArray) -> tuple[float, float]:
-    """Return where the COM of the first vehicle is, x and y [m]; callable from compiled code.
+    """Return the COM's x and y [m] of the first vehicle; callable from compiled code.
 
     Parameters
     ----------
     groups : ndarray of float, shape (b, ROWS * LANES)
-        From `tricycle_sim.vehicle.groups.pack`.
+        Groups of vehicles, from `tricycle_sim.vehicle.groups.pack`.
     """
     return groups[0, STATE.x * LANES], groups[0, STATE.y * LANES]
 
@@ -533,7 +534,7 @@ def yaw(groups: FloatArray) -> float:
     Parameters
     ----------
     groups : ndarray of float, shape (b, ROWS * LANES)
-        From `tricycle_sim.vehicle.groups.pack`.
+        Groups of vehicles, from `tricycle_sim.vehicle.groups.pack`.
     """
     g = groups[0]
     w, x = g[STATE.q0 * LANES], g[STATE.q1 * LANES]
@@ -566,8 +567,8 @@ class Functions(NamedTuple):
     steer : callable
         `tricycle_sim.vehicle.steering.run_servo` without its first two arguments.
     wheel_angles : callable
-        From motor angle [rad] and constants of the steering to the angles of the wheels about
-        their king-pins, left and right [rad], and their slopes by the motor angle.
+        Function from motor angle [rad] and constants of the steering to the angles of the wheels
+        about their king-pins, left and right [rad], and their slopes by the motor angle.
     road_angle, motor_angle_for : callable
         `road_angle_of`, `motor_angle_of` of `tricycle_sim.vehicle.steering` without their first
         argument.
@@ -587,7 +588,7 @@ def functions_for(vehicle: Vehicle, *, own_commands: bool = False) -> Functions:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws are used.
     own_commands : bool
         Whether each vehicle of a group has its own table of the steering and of what is added to
         the motor's demand.
@@ -602,9 +603,9 @@ def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws are used.
     function : callable
-        At the top level of a module; names of `Functions` are global names in it.
+        Function at the top level of a module; names of `Functions` are global names in it.
     """
     with _ONCE:
         return _compile_caller(structure_of(vehicle), function)
@@ -613,16 +614,16 @@ def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
 def laws_of(
     structure: Structure, own_commands: bool = False, take: Callable[[Any], Any] = compilable
 ) -> Laws:
-    """Return what is compiled into the equations of vehicles of a structure.
+    """Return the structure and laws that are compiled into the equations of a vehicle.
 
     Parameters
     ----------
     structure : Structure
-        From `structure_of`.
+        Structure, from `structure_of`.
     own_commands : bool
         As for `functions_for`.
     take : callable
-        Makes of a law's Python function what the compiler takes.
+        Turns a law's Python function into one that the compiler accepts.
     """
 
     def law(part: str, name: str) -> Any:
@@ -644,7 +645,7 @@ def laws_of(
 
 
 def variant_of(structure: Structure, own_commands: bool = False) -> str:
-    """Return a name of what `laws_of` returns that is short enough for a file's.
+    """Return a short name of the laws from `laws_of`, for file names.
 
     Parameters
     ----------

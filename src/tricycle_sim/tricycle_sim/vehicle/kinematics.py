@@ -21,7 +21,7 @@ class SteeredWheel(NamedTuple):
     x, y : float
         Place, ahead of the middle of the unsteered axle and left of it [m].
     angle : float
-        On the road [rad], left positive.
+        Angle on the road [rad], left positive.
     """
 
     x: float
@@ -40,14 +40,14 @@ class SteeredWheel(NamedTuple):
 
 
 def steered_wheels(vehicle: Vehicle, motor_angle: float) -> dict[str, SteeredWheel]:
-    """Return the steered wheels at an angle of the steering motor, by name.
+    """Return the steered wheels at a steering motor angle, by name.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of steering.
+        Vehicle with its steering linkage.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
     """
     table, angles = np.empty((1, 8)), np.empty((2, 1))
     servo = np.array([motor_angle, 0.0])
@@ -74,7 +74,7 @@ def king_pin_angles(vehicle: Vehicle) -> dict[str, tuple[float, float]]:
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of steering.
+        Vehicle with its steering linkage.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def curvature(wheels: list[SteeredWheel]) -> float:
     Parameters
     ----------
     wheels : list of SteeredWheel
-        Of one vehicle at one angle of its motor.
+        Steered wheels of one vehicle at one angle of its motor.
     """
 
     def moment(turn: float) -> float:
@@ -124,16 +124,16 @@ def curvature(wheels: list[SteeredWheel]) -> float:
 
 
 def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
-    """Return the angles on the road [rad] of the one front wheel that would turn the vehicle so.
+    """Return the road angles [rad] of the single front wheel that would turn the vehicle alike.
 
     The motor then turns as that of a vehicle that is driven at its unsteered axle.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of steering.
+        Vehicle with its steering linkage.
     motor_angles : ndarray of float
-        Of the steering motor [rad].
+        Angles of the steering motor [rad].
     """
     share = PARTS["drive"][law_name("drive", vehicle.wheels, vehicle.parts)].rows["share"]
     found = []

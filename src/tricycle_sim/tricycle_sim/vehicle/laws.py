@@ -1,4 +1,4 @@
-"""What a part of a vehicle is made of: the constants it reads, their rows in a group, a function.
+"""The law of a vehicle's part: the constants it reads, their rows in a group, its function.
 
 Each part declares the constants that it reads, with unit and bounds; a vehicle file has exactly
 those that its parts read.
@@ -21,16 +21,16 @@ class Constant:
     Attributes
     ----------
     name, unit : str
-        As in a vehicle file.
+        Name and unit as in a vehicle file.
     low, high : float
         Bounds; `low` itself is excluded unless `zero`.
     default : float or None
-        Where a file does not give it; None: every file has to.
+        Value if the file does not give one; None: the file must give it.
     per_wheel : bool
-        Whether wheels or axles may have their own: `front.tyre_radius`.
+        Whether wheels or axles may have their own value: `front.tyre_radius`.
     setting : bool
-        Of the boards or of plans: the motion of a vehicle under given set-points does not depend on
-        it, and it cannot be unknown.
+        Whether it is a setting of the boards or of plans: the motion of a vehicle under given
+        set-points does not depend on it, and it cannot be unknown.
     """
 
     name: str
@@ -48,9 +48,9 @@ class Constant:
         Parameters
         ----------
         where : str
-            Entry of the vehicle, for the message.
+            Entry of the vehicle file, for the message.
         value : float
-            In the constant's unit.
+            Value in the constant's unit.
         """
         low, high = self.low, self.high
         inside = (low <= value if self.zero else low < value) and value <= high
@@ -68,9 +68,9 @@ def positive(name: str, unit: str, **how: Any) -> Constant:
     Parameters
     ----------
     name, unit : str
-        As of `Constant`.
+        Name and unit, as in `Constant`.
     **how : object
-        Further attributes of it.
+        Further attributes of the constant.
     """
     return Constant(name, unit, **how)
 
@@ -81,9 +81,9 @@ def not_negative(name: str, unit: str, **how: Any) -> Constant:
     Parameters
     ----------
     name, unit : str
-        As of `Constant`.
+        Name and unit, as in `Constant`.
     **how : object
-        Further attributes of it.
+        Further attributes of the constant.
     """
     return Constant(name, unit, zero=True, **how)
 
@@ -94,11 +94,11 @@ def between(name: str, unit: str, low: float, high: float, **how: Any) -> Consta
     Parameters
     ----------
     name, unit : str
-        As of `Constant`.
+        Name and unit, as in `Constant`.
     low, high : float
-        The interval.
+        Ends of the interval, both included.
     **how : object
-        Further attributes of it.
+        Further attributes of the constant.
     """
     return Constant(name, unit, low=low, high=high, zero=True, **how)
 
@@ -109,9 +109,9 @@ def any_number(name: str, unit: str, **how: Any) -> Constant:
     Parameters
     ----------
     name, unit : str
-        As of `Constant`.
+        Name and unit, as in `Constant`.
     **how : object
-        Further attributes of it.
+        Further attributes of the constant.
     """
     return Constant(name, unit, low=-math.inf, **how)
 
@@ -128,7 +128,7 @@ class Law:
         Each number that the function reads, as it follows from the constants of a vehicle; of the
         servo also from the length of its steps.
     constants : tuple of Constant
-        Those that the law reads, beyond what its part always does.
+        Constants that the law reads, beyond those that its part always reads.
     """
 
     function: Callable[..., Any] | None
@@ -142,7 +142,7 @@ def inlined(function: _Function) -> _Function:
     Parameters
     ----------
     function : callable
-        With scalars, tuples and arrays for arguments, or other such functions.
+        Function with scalars, tuples, arrays or other such functions for arguments.
     """
     function.is_inlined = True  # type: ignore[attr-defined]
     return function

@@ -34,7 +34,7 @@ def numbered(names: str | Iterable[str], first: int = 0, step: int = 1) -> Any:
     first : int
         Number of the first name.
     step : int
-        From one name's number to the next one's.
+        Distance between one name's number and the next one's.
     """
     fields = names.split() if isinstance(names, str) else list(names)
     kind = namedtuple("Numbers", fields)  # type: ignore[misc]
@@ -49,7 +49,7 @@ def blocks(first: int, alternatives: Mapping[str, Iterable[Sized]]) -> tuple[Any
     first : int
         Number of the first block.
     alternatives : mapping
-        By block what may stand in it; the longest one decides its length.
+        Possible contents of each block; the longest one decides its length.
     """
     names = {}
     for name, choices in alternatives.items():
@@ -107,21 +107,21 @@ def states_of(wheels: int) -> int:
     Parameters
     ----------
     wheels : int
-        That it has.
+        Number of wheels.
     """
     return int(STATE.spin) + wheels * WHEEL_STATES
 
 
 def of_wheels(first: int, step: int, wheels: int) -> slice:
-    """Return the rows of a number of all wheels.
+    """Return the rows of a quantity of all wheels.
 
     Parameters
     ----------
     first : int
-        Row of the first wheel's.
+        Row of the quantity of the first wheel.
     step : int
         `WHEEL_STATES`, `WHEEL_EVALUATED` or `EVENT_ROWS`.
     wheels : int
-        That the vehicle has.
+        Number of wheels of the vehicle.
     """
     return slice(first, first + wheels * step, step)

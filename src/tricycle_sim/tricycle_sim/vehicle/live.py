@@ -47,7 +47,7 @@ _BODY = numbered(BODY, first=BLOCK.body)
 
 @dataclass(frozen=True)
 class LiveState:
-    """What instruments would read at a tick. Body frame: origin at the COM, REP-103."""
+    """Readings of ideal instruments at a tick. Body frame: origin at the COM, REP-103."""
 
     time: float  # s since the start
     x: float  # m, COM in the world
@@ -82,7 +82,7 @@ class LiveVehicle:
     Parameters
     ----------
     vehicle : Vehicle
-        Of which it is a sample.
+        Vehicle; its unknown parameters take the values of `parameters`.
     parameters : ndarray of float, shape (k,), optional
         Values of `vehicle.unknown` in its order; by default the nominal ones.
     substeps : int
@@ -146,7 +146,7 @@ class LiveVehicle:
 
     @property
     def feasibility(self) -> Feasibility:
-        """What the drive has asked of the vehicle so far; arrays of shape (1,)."""
+        """Limits that the vehicle has reached so far; arrays of shape (1,)."""
         return read_feasibility(self._groups, 1, self.vehicle.wheels)
 
     def step(

@@ -19,20 +19,21 @@ from tricycle_sim.vehicle.wheels import MOST_WHEELS
 
 
 class Structure(NamedTuple):
-    """What is compiled in: vehicles of the same structure share their functions.
+    """Structure that is compiled in: vehicles of the same structure share their functions.
 
     Attributes
     ----------
     wheels : int
-        Three or four.
+        Number of wheels, three or four.
     sides : tuple of int
-        Of each wheel: 0 steered on the left or alone, 1 steered on the right, -1 not steered.
+        Steering of each wheel: 0 steered on the left or alone, 1 steered on the right, -1 not
+        steered.
     driven, braked : tuple of bool
-        Of each wheel.
+        Whether each wheel is driven, and braked.
     tyres : tuple of str
         Law of each wheel's tyre. These tuples have `MOST_WHEELS` entries.
     motor, brake, servo, steering : str
-        Law of the part.
+        Law of each of these parts.
     """
 
     wheels: int
@@ -80,7 +81,7 @@ def structure_of(vehicle: Vehicle) -> Structure:
     Parameters
     ----------
     vehicle : Vehicle
-        With wheels and laws.
+        Vehicle; its wheels and laws are used.
     """
     wheels, parts = vehicle.wheels, vehicle.parts
     steered = [wheel for wheel in wheels if wheel.steered]
@@ -155,7 +156,7 @@ def servo_at_rest(vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     vehicle : Vehicle
-        With its law of the servo.
+        Vehicle with its servo.
     """
     return np.zeros(steering.GEARED_STATES if structure_of(vehicle).servo == "geared" else 2)
 
@@ -166,7 +167,7 @@ def steering_columns(vehicle: Vehicle) -> list[int]:
     Parameters
     ----------
     vehicle : Vehicle
-        With ranges of its unknown parameters.
+        Vehicle with ranges of its unknown parameters.
     """
     nominal = steering_constants(vehicle, TICK)
     return [
@@ -187,14 +188,14 @@ def check_steering(vehicle: Vehicle, *, ranges: bool = True) -> None:
     Parameters
     ----------
     vehicle : Vehicle
-        Its nominal values are looked at.
+        Vehicle; its nominal values are checked.
     ranges : bool
-        Whether each end of its ranges is looked at too.
+        Whether each end of its ranges is checked too.
 
     Raises
     ------
     VehicleError
-        If a wheel does not.
+        If a wheel does not turn so.
     """
     linkage = steering.LINKAGES[structure_of(vehicle).steering].function
     unknown = vehicle.unknown if ranges else {}
@@ -222,16 +223,16 @@ def steering_constants(
     Parameters
     ----------
     vehicle : Vehicle
-        Of which they are.
+        Vehicle with servo, linkage and caster.
     half_step : float
         Length of the servo's steps [s].
     values : mapping, optional
-        By entry of a vehicle file; by default the vehicle's own.
+        Constants by entry of a vehicle file; by default the vehicle's own.
 
     Returns
     -------
     ndarray of float, shape (steering.SIZE,)
-        See `steering.BLOCK`.
+        Constants in the order of `steering.BLOCK`.
     """
     structure = structure_of(vehicle)
     v = _steering_values(vehicle, vehicle.values if values is None else values)

@@ -15,7 +15,7 @@ class Payload:
     mass : float
         Mass [kg].
     x, y : float
-        Place in front of the empty vehicle's centre of mass and to its left [m].
+        Position in front of the empty vehicle's centre of mass and to its left [m].
     z : float
         Height above the road with unloaded tyres [m].
     """
@@ -36,9 +36,9 @@ def with_payload(vehicle: Vehicle, payload: Payload) -> Vehicle:
     Parameters
     ----------
     vehicle : Vehicle
-        Empty; a range of the yaw inertia moves with the nominal value.
+        Empty vehicle; a range of the yaw inertia moves with the nominal value.
     payload : Payload
-        The load.
+        Mass and position of the load.
 
     Raises
     ------

@@ -25,7 +25,7 @@ from tricycle_sim.vehicle.feasibility import Feasibility
 from tricycle_sim.vehicle.layout import LANES
 
 COLUMNS = "x", "y", "vx_world", "vy_world"
-"""Of a `CommandedBatch` that are recorded."""
+"""Columns of a `CommandedBatch` that are recorded."""
 FOR_CARD = 2048
 """Samples from which on a graphics card is thought of."""
 
@@ -60,7 +60,7 @@ def simulate_planar(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Drive block by block of samples, without keeping the trajectories.
+    """Simulate vehicles block by block of samples, without keeping the trajectories.
 
     Parameters
     ----------
@@ -94,14 +94,14 @@ def drive_on_cores(
     progress: Progress | None = None,
     done: int = 0,
 ) -> None:
-    """Drive samples on the processor.
+    """Simulate samples on the processor.
 
     Parameters
     ----------
     batch : CommandedBatch
-        What they drive.
+        Batch with the commands.
     samples : ndarray of float, shape (n, k)
-        Their parameters.
+        Unknown parameters of the samples.
     reduce : callable
         As for `simulate_planar`.
     threads : int, optional
@@ -109,7 +109,7 @@ def drive_on_cores(
     progress : callable, optional
         As for `simulate`.
     done : int
-        Samples at the beginning that have been driven.
+        Number of samples at the beginning that have been simulated.
     """
     n = len(samples)
 
@@ -127,14 +127,14 @@ def drive_on_cores(
 def drive_on_card(
     batch: CommandedBatch, samples: FloatArray, reduce: Reduce, progress: Progress | None = None
 ) -> int:
-    """Drive samples on the graphics card, a block while the cores reduce the one before.
+    """Simulate samples on the graphics card; the cores reduce one block during the next.
 
     Parameters
     ----------
     batch : CommandedBatch
-        What they drive.
+        Batch with the commands.
     samples : ndarray of float, shape (n, k)
-        Their parameters.
+        Unknown parameters of the samples.
     reduce : callable
         As for `simulate_planar`.
     progress : callable, optional
@@ -143,7 +143,7 @@ def drive_on_card(
     Returns
     -------
     done : int
-        Samples that were driven: all, unless another thread has the card, or it fails.
+        Number of samples that were simulated: all, unless another thread has the card, or it fails.
     """
     from tricycle_sim.vehicle import graphics_card  # takes 0.3 s
 
@@ -182,12 +182,12 @@ def drive_on_card(
 
 @functools.lru_cache(maxsize=64)
 def card_is_faster(vehicle: Vehicle) -> bool:
-    """Return whether there is a graphics card, and a trial of a second was faster on it.
+    """Return whether there is a graphics card and it was faster in a trial of a second.
 
     Parameters
     ----------
     vehicle : Vehicle
-        That is to be driven.
+        Vehicle that is to be simulated.
     """
     try:
         from tricycle_sim.vehicle import graphics_card

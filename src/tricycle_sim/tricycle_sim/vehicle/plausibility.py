@@ -1,4 +1,4 @@
-"""What is physically impossible or doubtful about a vehicle whose constants are each in bounds."""
+"""Impossible or doubtful combinations of a vehicle's constants, each of them within its bounds."""
 
 import math
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ def warnings_about(vehicle: Vehicle) -> tuple[str, ...]:
     Parameters
     ----------
     vehicle : Vehicle
-        With each constant in its bounds.
+        Vehicle whose constants are each within their bounds.
     """
     return (*_inertia(vehicle), *_loads(vehicle), *_stability(vehicle), *_steps(vehicle))
 

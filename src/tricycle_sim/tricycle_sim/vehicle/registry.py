@@ -42,9 +42,9 @@ def law_name(part: str, wheels: Sequence[Wheel], parts: Mapping[str, str]) -> st
     part : str
         Name in `PARTS`.
     wheels : sequence of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part, of those that are not the default.
+        Law of each part that does not have the default law.
     """
     return parts.get(part, _default_law(part, wheels))
 
@@ -55,9 +55,9 @@ def tyre_name(wheel: Wheel, parts: Mapping[str, str]) -> str:
     Parameters
     ----------
     wheel : Wheel
-        Of the vehicle.
+        Wheel of the vehicle.
     parts : mapping
-        Law by part; `front.tyre` comes before `tyre`.
+        Law of each part; `front.tyre` comes before `tyre`.
     """
     names = (parts.get(spelling) for spelling, _ in wheel.spellings("tyre"))
     return next((name for name in names if name), next(iter(tyre.LAWS)))
@@ -69,9 +69,9 @@ def check_parts(wheels: Sequence[Wheel], parts: Mapping[str, str]) -> None:
     Parameters
     ----------
     wheels : sequence of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
     """
     owners = {*AXLES, *(wheel.name for wheel in wheels)}
     for entry, name in parts.items():
@@ -95,9 +95,9 @@ def declared(wheels: Sequence[Wheel], parts: Mapping[str, str]) -> dict[str, Con
     Parameters
     ----------
     wheels : sequence of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     parts : mapping
-        Law by part.
+        Law of each part.
     """
 
     def law(part: str) -> tuple[Constant, ...]:
@@ -139,16 +139,16 @@ def other_owner(name: str) -> str | None:
 
 
 def reads(wheel: Wheel, parts: Mapping[str, str], constant: Constant) -> bool:
-    """Return whether a wheel reads a constant of wheels: those of a tyre's law only where it is.
+    """Return whether a wheel reads a constant; one of a tyre's law only with that law.
 
     Parameters
     ----------
     wheel : Wheel
-        Of the vehicle.
+        Wheel of the vehicle.
     parts : mapping
-        Law by part.
+        Law of each part.
     constant : Constant
-        From `declared`.
+        Constant, from `declared`.
     """
     own = tyre.LAWS[tyre_name(wheel, parts)].constants
     return constant in own or not any(constant in law.constants for law in tyre.LAWS.values())
@@ -162,11 +162,11 @@ def wheel_values(
     Parameters
     ----------
     wheels : sequence of Wheel
-        Of the vehicle.
+        Wheels of the vehicle, in its order.
     values : mapping
-        Number or array by entry of a vehicle file.
+        Number or array of each entry of a vehicle file.
     declarations : mapping
-        From `declared`.
+        Constants by name, from `declared`.
     """
     shared = {name: value for name, value in values.items() if "." not in name}
     shared["mean_load"] = values["mass"] * values["gravity"] / float(len(wheels))

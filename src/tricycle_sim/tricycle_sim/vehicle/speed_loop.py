@@ -17,7 +17,7 @@ def motor_law(vehicle: Vehicle) -> tuple[Any, FloatArray]:
     Parameters
     ----------
     vehicle : Vehicle
-        With its motor.
+        Vehicle with its motor.
     """
     law = PARTS["motor"][law_name("motor", vehicle.wheels, vehicle.parts)]
     driven = vehicle.of(next(wheel for wheel in vehicle.wheels if wheel.driven))
@@ -25,16 +25,16 @@ def motor_law(vehicle: Vehicle) -> tuple[Any, FloatArray]:
 
 
 class SpeedLoop:
-    """The vehicle's speed controller at ticks of 10 ms; it starts at the torque that there is.
+    """The vehicle's speed controller at ticks of 10 ms; it starts at the present torque.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the controller's gains and the motor's limits.
+        Vehicle with the controller's gains and the motor's limits.
     torque : float
-        Of the motor now [N m].
+        Present torque of the motor [N m].
     setpoint, speed : float
-        Now [m/s].
+        Present set-point and measured speed [m/s].
     """
 
     def __init__(self, vehicle: Vehicle, torque: float, setpoint: float, speed: float) -> None:
@@ -54,9 +54,9 @@ class SpeedLoop:
         Parameters
         ----------
         setpoint : float
-            Of the speed [m/s].
+            Speed set-point [m/s].
         speed : float
-            As it is measured [m/s].
+            Measured speed [m/s].
         """
         torque_slope, integrator_slope, _ = self._law(
             self._group, 0, speed / self._radius, 0.0, self._integrator, 1.0, setpoint

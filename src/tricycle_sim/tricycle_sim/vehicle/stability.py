@@ -54,14 +54,15 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     Parameters
     ----------
     vehicle : Vehicle
-        Its nominal values are looked at.
+        Vehicle; its nominal values are checked.
     step : float
         Length of the steps [s].
 
     Raises
     ------
     VehicleError
-        Naming the rate of the fastest mode and the constants behind it, or `steering_limit`.
+        If the steps are too long; the message names the rate of the fastest mode and the constants
+        behind it, or `steering_limit`.
     """
     key = vehicle.fingerprint, step
     if key in _checked:
@@ -82,7 +83,7 @@ def check_step(vehicle: Vehicle, step: float) -> None:
 def lengthen_relaxation(
     groups: FloatArray, vehicle: Vehicle, speed: float, step: float = TICK
 ) -> None:
-    """Make the relaxation of samples so long that the steps are stable.
+    """Lengthen the relaxation of samples until the steps are stable.
 
     Of a vehicle that `check_step` accepts, samples may be stiffer: where a fit tries both a stiffer
     tyre and a shorter relaxation, a wheel swings faster on its tyre, or the vehicle on its tyres,
@@ -93,7 +94,7 @@ def lengthen_relaxation(
     groups : ndarray of float, shape (b, ROWS * LANES)
         Samples; changed in place.
     vehicle : Vehicle
-        Of which they are.
+        Vehicle; the samples differ in its unknown parameters.
     speed : float
         Highest set-point [m/s]; wheels may be faster by the share `FASTER`, up to `MAX_SPEED`.
     step : float

@@ -32,7 +32,7 @@ CONSTANTS = (
     # share of the limit that plans keep free
     between("steering_margin", "1", 0.0, 0.5, default=0.05, setting=True),
 )
-"""What every linkage has."""
+"""Constants of every linkage."""
 
 GEOMETRY: Formulas = {
     "limit": lambda v: v.steering_limit,
@@ -42,8 +42,9 @@ GEOMETRY: Formulas = {
     "sign": lambda v: v.steering_sign,
     "scale": lambda v: v.steering_scale,
 }
-"""Of every linkage: largest motor angle, caster angle of the king-pins, angle added to the motor's,
--1 behind, where wheels turn right for a turn to the left, factor of the motor's angle."""
+"""Rows of every linkage: largest motor angle, caster angle of the king-pins, angle added to the
+motor's, sign (-1 behind, where wheels turn right for a turn to the left), factor of the motor's
+angle."""
 _G = numbered(GEOMETRY)
 
 
@@ -54,11 +55,11 @@ def ratio(constants: FloatArray, c: int, motor_angle: float) -> tuple[float, flo
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the linkage's constants start in it.
+        Index in `constants` at which the linkage's begin.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
 
     Returns
     -------
@@ -92,11 +93,11 @@ def axle(constants: FloatArray, c: int, angle: float) -> tuple[float, float, flo
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the constants of the geometry start in it.
+        Index in `constants` at which those of the geometry begin.
     angle : float
-        Of the wheel about its king-pin [rad].
+        Angle of the wheel about its king-pin [rad].
     """
     return (
         -constants[c + _G.cosine] * math.sin(angle),
@@ -118,11 +119,11 @@ def parallel(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the linkage's constants start in it.
+        Index in `constants` at which the linkage's begin.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
 
     Returns
     -------
@@ -152,11 +153,11 @@ def ackermann(
     Parameters
     ----------
     constants : ndarray of float
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     c : int
-        Where the linkage's constants start in it.
+        Index in `constants` at which the linkage's begin.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
 
     Returns
     -------
@@ -219,9 +220,9 @@ def turned(
     linkage : compiled function
         Law of the linkage.
     constants : ndarray of float, shape (SIZE,)
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
     """
     scale = constants[BLOCK.geometry + _G.scale]
     left, right, left_slope, right_slope = linkage(
@@ -240,9 +241,9 @@ def road_angle_of(linkage: Any, motor_angle: float, constants: FloatArray) -> fl
     linkage : compiled function
         Law of the linkage.
     motor_angle : float
-        Of the steering motor [rad].
+        Angle of the steering motor [rad].
     constants : ndarray of float, shape (SIZE,)
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     """
     left, right, _, _ = turned(linkage, constants, motor_angle)
     sign = constants[BLOCK.geometry + _G.sign]
@@ -261,9 +262,9 @@ def motor_angle_of(linkage: Any, angle: float, constants: FloatArray) -> float:
     linkage : compiled function
         Law of the linkage.
     angle : float
-        On the road [rad].
+        Angle on the road [rad].
     constants : ndarray of float, shape (SIZE,)
-        Of the steering.
+        Constants of the steering; see `steering.BLOCK`.
     """
     limit = constants[BLOCK.geometry + _G.limit]
     low, high = -limit, limit  # road_angle_of rises with the motor angle
@@ -338,7 +339,7 @@ def run_servo(
     setpoints : ndarray of float, shape (t,)
         Motor angle [rad] wanted during each tick; NaN: no servo pulse, the gear holds the angle.
     constants : ndarray of float, shape (SIZE,)
-        Of the steering, for the half step.
+        Constants of the steering for the half step; see `steering.BLOCK`.
     half_steps : int
         Half steps per tick.
     table : ndarray of float, shape (half_steps * t + 1, 8)

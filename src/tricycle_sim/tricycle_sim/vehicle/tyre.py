@@ -33,7 +33,7 @@ CONSTANTS: tuple[Constant, ...] = (
     not_negative("lateral_carcass_damping", "N s/m", per_wheel=True),
     positive("rolling_smoothing_speed", "m/s", per_wheel=True),
 )
-"""What every law reads: the slopes at the origin and the friction limit are the same for all."""
+"""Constants that every law reads: slopes at the origin and friction limit are the same for all."""
 
 TYRE: Formulas = {
     "vertical_stiffness": lambda v: v.vertical_stiffness,
@@ -46,7 +46,7 @@ TYRE: Formulas = {
     "rolling_2": lambda v: v.rolling_coefficient_2,
     "rolling_smoothing_squared": lambda v: v.rolling_smoothing_speed**2,
 }
-"""What every tyre has, whatever its law."""
+"""Rows of every tyre, whatever its law."""
 _C = numbered(TYRE, step=LANES)
 
 LINEAR: Formulas = {
@@ -73,13 +73,13 @@ def vertical_load(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the tyre's constants of the vehicle start in `g`.
+        Index in `g` at which the tyre's constants of the vehicle begin.
     radius : float
         Loaded radius [m].
     inverse_cosine : float
-        Of the lean.
+        Inverse of the cosine of the lean angle.
     rise : float
         Vertical speed of the contact point as carried by the hub [m/s].
     """
@@ -108,13 +108,13 @@ def slip_slopes(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the tyre's constants of the vehicle start in `g`.
+        Index in `g` at which the tyre's constants of the vehicle begin.
     vx : float
         Forward speed of the contact point [m/s].
     slip_speed, vy : float
-        Its speed over the road forward and to the left [m/s].
+        Speed of the contact point over the road, forward and to the left [m/s].
     kappa, alpha : float
         Relaxed slips, longitudinal and lateral.
     stiffer : float
@@ -134,13 +134,13 @@ def rolling_resistance(g: FloatArray, c: int, radius: float, load: float, rollin
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the tyre's constants of the vehicle start in `g`.
+        Index in `g` at which the tyre's constants of the vehicle begin.
     radius : float
         Loaded radius [m].
     load : float
-        Of the wheel [N].
+        Load of the wheel [N].
     rolling : float
         Loaded radius times spin [m/s].
     """
@@ -172,15 +172,15 @@ def unlimited(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load : float
-        Of the wheel [N].
+        Load of the wheel [N].
     kappa, alpha : float
         Relaxed slips, longitudinal and lateral.
     lean : float
-        Positive with the top to the left [rad].
+        Lean angle of the wheel [rad], positive with the top to the left.
     vx, slip_speed, vy : float
         As for `slip_slopes`.
     """
@@ -212,22 +212,22 @@ def linear(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load : float
-        Of the wheel [N].
+        Load of the wheel [N].
     kappa, alpha : float
         Relaxed slips, longitudinal and lateral.
     lean : float
-        Positive with the top to the left [rad].
+        Lean angle of the wheel [rad], positive with the top to the left.
     vx, slip_speed, vy : float
         As for `slip_slopes`.
 
     Returns
     -------
     force_x, force_y : float
-        On the tyre, forward and to the left [N].
+        Force on the tyre, forward and to the left [N].
     aligning : float
         Moment about the vertical [N m].
     share : float
@@ -261,9 +261,9 @@ def fiala(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
         As for `linear`.
 
@@ -319,9 +319,9 @@ def softened(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
         As for `linear`.
 
@@ -387,9 +387,9 @@ def magic_formula(
     Parameters
     ----------
     g : ndarray of float, shape (rows * LANES,)
-        Group.
+        Group of vehicles, as in `layout`.
     c : int
-        Where the law's constants of the vehicle start in `g`.
+        Index in `g` at which the law's constants of the vehicle begin.
     load, kappa, alpha, lean, vx, slip_speed, vy : float
         As for `linear`.
 

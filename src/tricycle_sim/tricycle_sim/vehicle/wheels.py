@@ -16,11 +16,11 @@ class Wheel:
     Attributes
     ----------
     name : str
-        In logs, columns and constants: `front_left`.
+        Name in logs, columns and constants: `front_left`.
     axle : str
-        `front` or `rear`.
+        Axle: `front` or `rear`.
     steered, driven, braked : bool
-        What acts on it.
+        Whether steering, motor and brake act on it.
     """
 
     name: str
@@ -59,16 +59,16 @@ TADPOLE = (
     Wheel("right", "front", steered=True),
     Wheel("rear", "rear", driven=True, braked=True),
 )
-"""Of the paper's tricycle, and of every file that lists no wheels."""
+"""Wheels of the paper's tricycle, and of every file that lists no wheels."""
 
 
 def check_wheels(wheels: Sequence[Wheel]) -> None:
-    """Raise a `VehicleError` unless wheels make a vehicle that the model can be.
+    """Raise a `VehicleError` unless the model can simulate a vehicle with these wheels.
 
     Parameters
     ----------
     wheels : sequence of Wheel
-        Of a vehicle, in its order.
+        Wheels of a vehicle, in its order.
     """
     for problem in _problems(wheels):
         raise VehicleError(f"wheels: {problem}")

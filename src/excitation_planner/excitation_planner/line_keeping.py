@@ -1,4 +1,4 @@
-"""The lead-in: a vehicle that gets up to speed is kept on the line on which it stood."""
+"""Steering along the line on which the vehicle stood, closed loop, while it gets up to speed."""
 
 import math
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ SHORTEST_DECAY = 0.7
 """... and the way that this takes at least [m]."""
 
 SMOOTHING_TIME = 0.1
-"""In which the steering takes up a correction [s]."""
+"""Time in which the steering takes up a correction [s]."""
 
 SHARPEST = 0.1
 """Largest curvature of a correction [1/m]."""
 
 
 @dataclass
-class LeadIn:
-    """Steers along a straight line, closed loop; the speed is not its own.
+class LineKeeping:
+    """Steers along a straight line, closed loop; it does not control the speed.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class LeadIn:
     end : float
         Time from the start of the maneuver until which it steers [s].
     chassis : Chassis
-        Of the vehicle.
+        Steering geometry and tyre radius of the vehicle.
     curvature : float
-        Commanded of the middle of the unsteered axle's way [1/m].
+        Commanded curvature of the path of the unsteered axle's middle [1/m].
     """
 
     start: Pose
@@ -53,11 +53,11 @@ class LeadIn:
         Parameters
         ----------
         pose : (float, float, float)
-            Of `base_link` now [m, m, rad].
+            Present pose of `base_link` [m, m, rad].
         speed : float
-            Of it [m/s].
+            Present speed [m/s].
         time : float
-            Since the start of the maneuver [s].
+            Time since the start of the maneuver [s].
         """
         x, y, heading = self.chassis.axle(*pose)
         ((_, aside),) = seen_from(np.array([[x, y]]), *self.chassis.axle(*self.start)).tolist()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from excitation_planner.lead_in import LeadIn
+from excitation_planner.line_keeping import LineKeeping
 from excitation_planner.way_back.pursuit import Chassis
 
 START = 2.0, -1.0, 0.7  # m, m, rad, of base_link
@@ -14,14 +14,14 @@ CHASSIS = Chassis()
 
 def end_of_straight(*, led: bool, offset: float = 0.02, speed: float = 2.0, time: float = 4.0):
     """Deviation to the left [m] and turn [rad] of a bicycle with an offset of its steering."""
-    lead_in = LeadIn(START, time, CHASSIS)
+    keeping = LineKeeping(START, time, CHASSIS)
     x, y, yaw = CHASSIS.axle(*START)
     for tick in range(round(100 * time)):
         base = (
             x - CHASSIS.unsteered_axle * math.cos(yaw),
             y - CHASSIS.unsteered_axle * math.sin(yaw),
         )
-        angle = lead_in.steer((*base, yaw), speed, 0.01 * tick) if led else 0.0
+        angle = keeping.steer((*base, yaw), speed, 0.01 * tick) if led else 0.0
         x, y = x + 0.01 * speed * math.cos(yaw), y + 0.01 * speed * math.sin(yaw)
         yaw += 0.01 * CHASSIS.geometry.turn_rate(speed, angle + offset)
     ax, ay, _ = CHASSIS.axle(*START)
@@ -43,7 +43,7 @@ def test_in_closed_loop_the_line_is_kept_at_any_speed(speed):
 
 
 def test_a_pose_far_off_asks_for_no_sharp_turn():
-    lead_in = LeadIn((0.0, 0.0, 0.0), 5.0, CHASSIS)
-    angles = [lead_in.steer((float(t), 3.0, 0.0), 2.0, t) for t in np.arange(0.0, 5.0, 0.01)]
+    keeping = LineKeeping((0.0, 0.0, 0.0), 5.0, CHASSIS)
+    angles = [keeping.steer((float(t), 3.0, 0.0), 2.0, t) for t in np.arange(0.0, 5.0, 0.01)]
     sharpest = CHASSIS.motor_angle(-0.1)
     assert min(angles) == pytest.approx(sharpest, abs=1e-4)
