@@ -6,11 +6,9 @@ import sys
 import tomllib
 import types
 from pathlib import Path
-from unittest.mock import patch
 
+import pytest
 import yaml
-
-import tricycle_bringup.configuration  # noqa: F401 - patch.dict would unload what it imports
 
 ROOT = Path(__file__).parents[1]
 LAUNCH_FOLDER = ROOT / "src" / "tricycle_bringup" / "launch"
@@ -125,7 +123,11 @@ def launch_actions(file, *, installed=(), argv=(), **arguments):
     `arguments` and `keywords`.
     """
     arguments = {"bag": "bag", **arguments}
-    with patch.dict(sys.modules, _modules(installed)):
+    # only these are removed again: numba, which launch files import, cannot be imported twice
+    with pytest.MonkeyPatch.context() as patched:
+        for name, module in _modules(installed).items():
+            patched.setitem(sys.modules, name, module)
+        sys.modules.pop("tricycle_bringup.launching", None)  # bound to those of an earlier call
         description = runpy.run_path(str(LAUNCH_FOLDER / file))["generate_launch_description"]()
         declared = [entity for entity in description.entities if isinstance(entity, _Argument)]
         unknown = set(arguments) - {argument.name for argument in declared}
