@@ -99,7 +99,7 @@ def _windows_of(
     path: Path, vehicle: Vehicle, columns: Columns | None, windows: Windows
 ) -> tuple[Table, list[MeasuredDrive], str]:
     """A table, its windows as drives, and how much of it they are."""
-    from parameter_identification.drives.table import read_recording
+    from parameter_identification.drives.table import EstimatedMap, read_recording
     from parameter_identification.drives.windows import select_windows, steering_of
     from parameter_identification.estimation.redrawn import Table
 
@@ -111,7 +111,10 @@ def _windows_of(
     steering = steering_of(recording, vehicle, columns)
     selection = select_windows(recording, vehicle, steering, windows)
     table = Table(recording, vehicle, steering, windows)
-    return table, [*selection.drives], _used(recording, selection, windows)
+    remark = _used(recording, selection, windows)
+    if isinstance(steering, EstimatedMap):
+        remark += f"\n{recording.name}: {steering}; the effects of the steering are relative to it"
+    return table, [*selection.drives], remark
 
 
 def _used(recording: Recording, selection: Selection, windows: Windows) -> str:

@@ -165,7 +165,9 @@ BAD_TABLES = {
     "text": (("0,0,0,0,0,,", "1,abc,0,0,0,,"), r"row 2: px: needs a number, not 'abc'"),
     "cells": (("0,0,0",), r"row 1: has 3 cells, the header 7; it is the last one"),
     "back": (("1,0,0,0,0,,", "0,0,0,0,0,,"), r"t: goes back by 1 s at row 2"),
-    "empty": ((), r"needs two different times"),
+    "empty": ((), r"has a header and no rows"),
+    "one": (("0,0,0,0,0,,",), r"needs two different times"),
+    "untimed": (("0,0,0,0,0,,", *2 * [",0,0,0,0,,"]), r"t: is empty in 2 of 3 rows .*row 2"),
     "no poses": (("0,,0,0,0,,", "1,,0,0,0,,"), r"no two rows have x, y, yaw"),
     "no steering": (("0,0,0,0,,,", "1,0,0,0,,,"), r"cmd: holds no number"),
 }
@@ -202,6 +204,7 @@ BAD_MAPPINGS = {
     NEEDED + "steering: c\nyawrate: w": r"'yawrate' is not an entry; did you mean yaw_rate",
     NEEDED + "steering: {column: c, unit: grad}": r"steering: unit 'grad' is not known; use one of",
     NEEDED + "steering: {column: c, units: rad}": r"steering: 'units' is not an entry",
+    NEEDED + "steering: c\nsteering_angle: a": r"the measured angle; not both",
     NEEDED + "steering: c\nsteering_map: guess": r"steering_map: needs `estimate`",
     NEEDED + "steering: c\nsteering_map: {gain: 0}": r"a gain other than 0",
     NEEDED + "steering: c\nsensor: {z: 1}": r"sensor: 'z' is not an entry",

@@ -67,7 +67,7 @@ def test_a_table_is_told_by_its_ending(tricycle, tmp_path):
     (tmp_path / "m.yaml").write_text("time: t\nx: x\ny: y\nsteering: s\n")
     for name, message in {
         "drive.txt": r"no drive is a table, which ends in \.csv or \.csv\.gz",
-        "drive.CSV": r"drive\.CSV: t: needs two different times",
+        "drive.CSV": r"drive\.CSV: has a header and no rows",
     }.items():
         (tmp_path / name).write_text("t,x,y,s\n")
         with pytest.raises(IdentificationError, match=message):

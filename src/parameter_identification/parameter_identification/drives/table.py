@@ -26,6 +26,7 @@ from tricycle_sim.vehicle import Vehicle
 
 MAX_BYTES = 256_000_000  # of a table, unpacked: an hour at 100 Hz has a fifth
 MAX_MAPPING = 100_000
+UNTIMED = 0.5  # of the rows, that may lack their time
 G = 9.80665  # m/s^2, the unit
 
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -128,6 +129,12 @@ class SteeringMap:
 class EstimatedMap(SteeringMap):
     """One that was found from the turns of a table, by nominal tyres: it errs as these do."""
 
+    def __str__(self) -> str:
+        return (
+            f"angle of the steering motor = {self.gain:.4g} * command {self.offset:+.4f} rad, "
+            "estimated from the turns"
+        )
+
 
 @dataclass(frozen=True)
 class SensorPlace:
@@ -202,8 +209,9 @@ class Columns:
 
     def __post_init__(self) -> None:
         if (self.steering is None) == (self.steering_angle is None):
+            both = "; not both" if self.steering else ""
             raise IdentificationError(
-                "needs `steering`, the set-points, or `steering_angle`, the measured angle"
+                f"needs `steering`, the set-points, or `steering_angle`, the measured angle{both}"
             )
 
     def entries(self) -> dict[str, Column]:
@@ -377,6 +385,11 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
         for name, c in found.items()
     }
     clock = si.pop("time")
+    if (lacking := np.flatnonzero(np.isnan(clock))).size > UNTIMED * len(clock):
+        raise IdentificationError(
+            f"{path}: {found['time'].column}: is empty in {len(lacking)} of {len(clock)} rows (the "
+            f"first is row {lacking[0] + 1}): rows need a time"
+        )
     rows = _at_new_times(np.arange(len(clock)), clock, f"{path}: {found['time'].column}")
     start = float(clock[rows[0]])
     time = clock[rows] - start
@@ -443,6 +456,8 @@ def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
             )
         if header.count(heading) > 1:
             raise IdentificationError(f"{path}: column {heading!r} comes twice")
+    if len(lines) == 1:
+        raise IdentificationError(f"{path}: has a header and no rows")
     at = {heading: header.index(heading) for heading in headings}
     table = {heading: np.empty(len(lines) - 1) for heading in headings}
     for row, line in enumerate(lines[1:], start=1):

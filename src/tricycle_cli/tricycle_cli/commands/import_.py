@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from parameter_identification.drives.imported import write_bag
-    from parameter_identification.drives.table import load_columns, read_recording
+    from parameter_identification.drives.table import EstimatedMap, load_columns, read_recording
     from parameter_identification.drives.windows import steering_of
     from trajectory_recorder.bag.writer import check_new
 
@@ -55,8 +55,11 @@ def run(args: argparse.Namespace) -> int:
     check_folder(args.output.parent)
     columns, vehicle = load_columns(args.columns), load_vehicle(args.vehicle)
     recording = read_recording(args.table, columns, vehicle)
-    start = write_bag(recording, vehicle, steering_of(recording, vehicle, columns), args.output)
+    steering = steering_of(recording, vehicle, columns)
+    start = write_bag(recording, vehicle, steering, args.output)
     print(f"{len(recording.time)} poses in {args.output}")
+    if isinstance(steering, EstimatedMap):
+        print(f"{steering}: that of nominal tyres, `tricycle identify` corrects it")
     if start is None:
         print(
             "no start event: the vehicle does not drive, or does not stand for 0.6 s before; the "

@@ -283,8 +283,10 @@ def _summary(plan: Plan) -> str:
             f"in {plan.area.frame}; {plan.clearance:.2f} m to the border are left, "
             "wherever and by whatever it is stopped"
         )
+    box = ", ".join([shown_ranges(plan.ranges), *at_limit])
+    searched = plan.search is not None
     return (
-        f"search box: {', '.join([shown_ranges(plan.ranges), *at_limit])} (--range sets it)\n"
+        f"{f'search box: {box} (--range sets it)' if searched else f'allowed: {box}'}\n"
         f"H = {plan.cost:.4f}, Q² = {plan.leave_one_out_q2:.6f}, "
         f"{plan.commands.duration:.1f} s to drive, plan {plan.id}\n{room}"
     )
