@@ -38,6 +38,7 @@ from tricycle_core.frames import MANEUVER
 from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
+from tricycle_core.namesakes import full_name, namesakes
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
@@ -325,18 +326,18 @@ class ManeuverDriver(Node):
     def _others(self) -> tuple[Check, ...]:
         """Items of the pre-flight that are not the playback's."""
         now, needed = self._clocks(), self._recording_needed
-        joints = self.resolve_topic_name("joint_commands")
-        publishers = [
-            f"{end.node_namespace.rstrip('/')}/{end.node_name}"
-            for end in self.get_publishers_info_by_topic(joints)
-        ]
         bag = self._reports.get(RECORDER)
         return (
             self._clock_check(),
             *(self._reports[n].check(n, now) for n in sorted(self._reports) if n != RECORDER),
-            commanders(self._name, publishers),
+            commanders(self._name, self._commanding()),
             recording(bag, self._playback.duration, now, needed=needed),
         )
+
+    def _commanding(self) -> list[str]:
+        """Names of all publishers of commands, the own one among them."""
+        ends = self.get_publishers_info_by_topic(self.resolve_topic_name("joint_commands"))
+        return [full_name(end.node_namespace, end.node_name) for end in ends]
 
     def _clock_check(self) -> Check:
         return clock(time.monotonic() - self._ticked)
@@ -355,6 +356,9 @@ class ManeuverDriver(Node):
 
     def _publish_preflight(self) -> None:
         if self._playback.state.driving:
+            # the vehicle obeys both as one, and either may answer ~/abort
+            if doubled := namesakes(self._commanding()):
+                self._playback.abort(doubled)
             return
         message = DiagnosticArray(
             status=[
