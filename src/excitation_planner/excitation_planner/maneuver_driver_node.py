@@ -17,7 +17,7 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, UInt8
 from std_srvs.srv import Trigger
@@ -36,7 +36,7 @@ from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import LinkError, PlanError
 from tricycle_core.frames import MANEUVER
 from tricycle_core.joint_trajectory import rows_of
-from tricycle_core.joints import JOINTS
+from tricycle_core.joints import JOINTS, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.namesakes import full_name, namesakes
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
@@ -52,6 +52,7 @@ try:  # not among the wheels
 except ImportError:
     TFMessage = None
 
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # of any publisher
 OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 PREFLIGHT_EVERY = 1.0  # s between looks at what a start needs
 REPORTING = "tricycle_bridge: ", "trajectory_recorder: "  # names that the pre-flight heeds
@@ -212,6 +213,7 @@ class ManeuverDriver(Node):
             (Odometry, "odom", self._on_odom, qos_profile_sensor_data),
             (DiagnosticStatus, READINESS_TOPIC, self._on_readiness, LATCHED),
             (Bool, "maneuver/hold", self._on_hold, qos_profile_sensor_data),
+            (JointState, "joint_states", self._on_joint_states, NEWEST),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
         ):
             self.create_subscription(kind, topic, callback, **overridable(qos))
@@ -311,6 +313,11 @@ class ManeuverDriver(Node):
 
     def _on_hold(self, message: Bool) -> None:
         self._playback.hold(message.data, self._now())
+
+    def _on_joint_states(self, message: JointState) -> None:
+        angle = dict(zip(message.name, message.position, strict=False)).get(STEERING_JOINT)
+        if angle is not None:
+            self._playback.watch.steer(angle, self._now())
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
