@@ -268,7 +268,7 @@ class BridgeNode(LifecycleNode):
     def _bring_up_problem(self, record: BringUpRecord, age: timedelta) -> str | None:
         links = self._bridge.links if self._bridge is not None else {}
         firmware = {b: firmware_build(link.identity) for b, link in links.items() if link.identity}
-        return record.problem(firmware, datetime.now(UTC), age)
+        return record.problem(firmware, self._configured, datetime.now(UTC), age)
 
     def _mistake(self) -> str | None:
         """Return what is wrong with the parameters, if anything."""
