@@ -513,6 +513,7 @@ class ManeuverDriver(Node):
             playback.elapsed,
             playback.duration,
             playback.reason,
+            self._name,
         ).values()
         self._state.publish(
             DiagnosticStatus(

@@ -50,6 +50,8 @@ class ManeuverState:
         Of the run [s].
     reason : str
         Why it was aborted, or done before its last command.
+    commander : str
+        Name of the driver, as its set-points have it; empty where that is not told.
     """
 
     state: PlaybackState
@@ -58,6 +60,7 @@ class ManeuverState:
     elapsed: float = 0.0
     duration: float = 0.0
     reason: str = ""
+    commander: str = ""
 
     def values(self) -> dict[str, str]:
         """Return the key-value pairs of the message."""
@@ -69,6 +72,7 @@ class ManeuverState:
             "elapsed": f"{self.elapsed:.3f}",
             "duration": f"{self.duration:.3f}",
             "reason": self.reason,
+            "commander": self.commander,
         }
 
     @classmethod
@@ -96,6 +100,7 @@ class ManeuverState:
             elapsed,
             duration,
             values.get("reason", ""),
+            values.get("commander", ""),
         )
 
 
