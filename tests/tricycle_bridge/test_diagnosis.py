@@ -109,6 +109,18 @@ def test_commanders_of_one_name_are_told(driving):
     assert vehicle.message.startswith("armed; joint_commands: /maneuver_driver runs 2 times: end")
 
 
+def test_what_the_wheel_is_compared_with_is_told(driving):
+    def told():
+        values = diagnose(driving.bridge, driving.now)[0].values
+        return values["wheel speed against odom"], values["first pulses against imu"]
+
+    assert told() == ("not watched: no odom", "not watched: no acceleration on imu")
+    driving.bridge.set_force(0.1, driving.now)
+    assert told()[1] == "watched"
+    driving.step(30)
+    assert told()[1] == "not watched: no acceleration on imu"
+
+
 def test_a_supply_outside_its_thresholds_is_a_warning(vehicle):
     vehicle.measured[DRIVE] = DriveMeasurement(supply=31.5)
     vehicle.step()

@@ -530,6 +530,8 @@ class BridgeNode(LifecycleNode):
                 self._bridge.set_odometry(message.twist.twist.linear.x, self._now())
 
     def _on_imu(self, message: Imu) -> None:
+        if message.linear_acceleration_covariance[0] == -1.0:  # it measures none (REP-145)
+            return
         with self._lock:
             if self._bridge is not None:
                 self._bridge.set_force(message.linear_acceleration.x, self._now())

@@ -87,13 +87,14 @@ def _diagnose_vehicle(
     elif alike := _indistinguishable(bridge, publishers):
         level, message = Level.WARN, f"{message}; {alike}"
     counters = bridge.commands.counters
-    watched = bridge.odometry.watching(now)
+    odometry, force = bridge.odometry.watching(now), bridge.start.watching(now)
     values = {
         "commander": readiness.commander,
         "commands accepted": str(counters.accepted),
         "commands too old": str(counters.stale),
         "commands refused": str(counters.refused),
-        "wheel speed against odom": "watched" if watched else "not watched: no odom",
+        "wheel speed against odom": "watched" if odometry else "not watched: no odom",
+        "first pulses against imu": "watched" if force else "not watched: no acceleration on imu",
     }
     return Diagnosis("tricycle_bridge: vehicle", level, message, values)
 
