@@ -364,7 +364,8 @@ class ManeuverDriver(Node):
     def _publish_preflight(self) -> None:
         if self._playback.state.driving:
             # the vehicle obeys both as one, and either may answer ~/abort
-            if doubled := namesakes(self._commanding()):
+            own = (name for name in self._commanding() if name == self._name)
+            if doubled := namesakes(own):
                 self._playback.abort(doubled)
             return
         message = DiagnosticArray(
