@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from excitation_planner.localisation import PlanarState
-from excitation_planner.playback import PREPARATION, JointCommand, Playback, PlaybackState
+from excitation_planner.playback import ARRIVAL, PREPARATION, JointCommand, Playback, PlaybackState
 from excitation_planner.preflight import Check
 from excitation_planner.schedule import MAX_ROWS, Schedule
 from excitation_planner.vehicle_watch import VehicleWatch
@@ -704,7 +704,6 @@ def counted_down(pose_at):
     [
         (lambda t: replace(AT_REST, y=2.0 + 0.04 * t, speed=0.04), r"moved .* by 0\.10 m and 0\.0"),
         (lambda t: replace(AT_REST, yaw=1.57 + 0.05 * (t > 2.0)), r"moved .* by 0\.00 m and 2\.9"),
-        (lambda t: replace(AT_REST, speed=0.3 * (t > 3.2)), r"the vehicle moves at 0\.30 m/s"),
     ],
 )
 def test_a_vehicle_that_was_moved_during_the_countdown_is_not_driven(pose_at, reason):
@@ -712,6 +711,60 @@ def test_a_vehicle_that_was_moved_during_the_countdown_is_not_driven(pose_at, re
     assert playback.state is PlaybackState.ABORTED
     assert re.search(reason, playback.reason)
     assert command == JointCommand(0.1, 0.0)
+
+
+def turning_in(until, speed, angle_at, countdown=0.0):
+    """A playback and its ticks while the wheels turn to the first row's angle, 0.1 rad."""
+    playback, played = ready(countdown=countdown), []
+    playback.start(10.0)
+    for t in np.arange(10.0, until, 0.01):
+        playback.observe(replace(AT_REST, speed=speed(t - 10.0)), t, t)
+        playback.hear(ARMED, t)
+        playback.watch.steer(angle_at(t - 10.0), t)
+        played.append(playback.tick(t))
+        if playback.state is PlaybackState.RUNNING:
+            break
+    return playback, played
+
+
+def test_row_0_waits_until_the_wheels_are_at_its_angle_and_the_vehicle_rests():
+    def angle(t):  # lock to lock
+        return max(0.1, 0.7 - max(t - 0.1, 0.0))
+
+    playback, _ = turning_in(12.0, lambda _: 0.0, angle)
+    assert playback.start_time == pytest.approx(10.65, abs=0.02)  # within 0.05 rad
+    playback, played = turning_in(12.0, lambda t: 0.1 * (t < 1.2), angle)
+    assert playback.start_time == pytest.approx(11.2, abs=0.02)
+    assert set(played[:-1]) == {JointCommand(0.1, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("speed", "angle", "reason"),
+    [
+        (0.0, 0.4, r"the steering motor is at 0\.40 rad, the plan begins at 0\.10 rad"),
+        (0.3, 0.1, r"the vehicle moves at 0\.30 m/s; it must stand still"),
+    ],
+)
+def test_wheels_that_do_not_arrive_and_a_vehicle_that_does_not_rest_end_the_start(
+    speed, angle, reason
+):
+    playback, _ = turning_in(
+        10.0 + PREPARATION + ARRIVAL - 0.1, lambda t: speed * (t > 0), lambda _: angle
+    )
+    assert playback.state is PlaybackState.STARTING
+    playback, played = turning_in(
+        10.0 + PREPARATION + ARRIVAL + 0.1, lambda t: speed * (t > 0), lambda _: angle
+    )
+    assert playback.state is PlaybackState.ABORTED
+    assert re.search(reason, playback.reason)
+    assert {command.wheel_rate for command in played} == {0.0}
+
+
+def test_a_steering_that_stays_beside_its_set_point_and_one_that_is_not_measured_are_driven():
+    playback, _ = turning_in(22.0, lambda _: 0.0, lambda _: 0.2)  # no fault of the steer board
+    assert playback.start_time == pytest.approx(10.0 + PREPARATION + ARRIVAL, abs=0.02)
+    playback, _ = turning_in(12.0, lambda _: 0.0, lambda _: math.nan)
+    assert playback.start_time == pytest.approx(10.0 + PREPARATION, abs=0.02)
 
 
 def test_a_vehicle_that_was_moved_off_the_planned_start_is_not_driven():

@@ -52,7 +52,20 @@ def test_who_reports_by_a_slower_clock_is_not_silent():
 def test_other_commanders_are_named():
     assert commanders("/driver", ["/driver"]).message == "nobody else"
     other = commanders("/driver", ["/driver", "/teleop", "/teleop"])
-    assert (other.level, other.message) == (Level.WARN, "/teleop could command too")
+    assert other.level is Level.ERROR
+    assert other.message.startswith("/teleop runs 2 times: end all but one; one that crashed")
+    other = commanders("/driver", ["/driver", "/teleop"])
+    assert other.level is Level.ERROR
+    assert other.message.startswith("/teleop could command too: end it; one that crashed or was")
+
+
+def test_a_namesake_of_the_driver_fails_the_pre_flight():
+    check = commanders("/driver", ["/driver", "/driver"])
+    assert check.level is Level.ERROR
+    assert check.message == (
+        "/driver runs 2 times: end all but one; one that crashed or was killed is forgotten "
+        "within 20 s"
+    )
 
 
 def test_a_clock_that_stands_still_fails():

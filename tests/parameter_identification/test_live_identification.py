@@ -1,5 +1,6 @@
 """Identification during a drive, fed sample by sample."""
 
+import re
 import time
 from dataclasses import replace
 
@@ -254,8 +255,74 @@ def test_a_drive_that_is_replayed_again_takes_the_place_of_the_first_replay():
     samples = positions_of(drive, 6.0)
     live = fed_positions(drive, samples)
     first = live.update().parameters["cornering_stiffness"]
-    for _, stamp, values in samples:
+    for at, stamp, values in samples:
+        if at > 0.0 and live.began_anew:  # the driver's state is replayed, too
+            live.begin(drive.commands, START)
         live.sense(Sensor.POSITION, stamp, values)
     again = live.update().parameters["cornering_stiffness"]
     assert again.standard_deviation == pytest.approx(first.standard_deviation, rel=0.05)
     assert again.estimate == pytest.approx(first.estimate, abs=0.3 * first.standard_deviation)
+
+
+@pytest.mark.parametrize("back", [2.0, 100.0])
+def test_a_drive_whose_clock_begins_anew_is_given_up(back):
+    """Its samples would be those of another time."""
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    live = fed_positions(drive, samples := positions_of(drive, 6.0))
+    assert not live.began_anew
+    for _, stamp, values in samples:
+        live.sense(Sensor.POSITION, stamp + round((7.0 - back) * SECOND), values)
+    assert live.began_anew
+    assert live.complete(6.0)
+    assert live.end(6.0) == (None, None)
+    live.begin(drive.commands, START)
+    assert not live.began_anew
+
+
+def test_one_sensor_that_is_silent_while_the_clock_begins_anew_costs_no_later_drive():
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    live = LiveIdentification(VEHICLE)
+    for tick in range(300):
+        live.sense(Sensor.YAW_RATE, START + 100 * SECOND + tick * SECOND // 100, (0.0,))
+        live.sense(Sensor.POSITION, START + 100 * SECOND + tick * SECOND // 100, (0.0, 0.0))
+    for at, stamp, values in positions_of(drive, 3.0):
+        if at > 0.0 and live.complete():
+            live.begin(drive.commands, START)
+        live.sense(Sensor.POSITION, stamp, values)
+    live.sense(Sensor.YAW_RATE, START + 3 * SECOND, (0.0,))
+    assert not live.began_anew
+    assert live.update() is not None
+
+
+def test_a_snapshot_is_fitted_while_further_samples_come():
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    samples = positions_of(drive, 6.0)
+    live = fed_positions(drive, samples[:100])
+    taken = live.snapshot()
+    for _, stamp, values in samples[100:]:
+        live.sense(Sensor.POSITION, stamp, values)
+    before = taken.update()
+    assert before.elapsed < 4.1
+    assert live.update().elapsed == pytest.approx(6.0, abs=0.1)
+
+
+def test_missing_samples_are_a_reason():
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    samples = [s for s in positions_of(drive, 6.0) if not 2.0 < s[0] < 3.5]
+    live = fed_positions(drive, samples)
+    (reason,) = live._gaps(live._drive, 6.0)
+    assert re.fullmatch(r"samples of position are missing for 1\.[56] of 6\.0 s", reason)
+
+
+def test_a_made_up_fit_needs_no_drive_and_leaves_none(monkeypatch):
+    fitted, update = [], LiveIdentification._update
+
+    def noted(self, *args, **options):
+        fitted.append(update(self, *args, **options))
+        return fitted[-1]
+
+    monkeypatch.setattr(LiveIdentification, "_update", noted)
+    live = LiveIdentification(VEHICLE)
+    live.prepare()
+    assert [moment is not None for moment in fitted] == [True, True]
+    assert live.newest(Sensor.POSITION) == 0

@@ -1,13 +1,14 @@
-"""The bridge when one of its threads dies: it ends, and the boards' watchdogs stop the vehicle."""
+"""The bridge in this process: when one of its threads dies, and what it takes for an IMU."""
 
 import time
 
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 
 from tricycle_bridge.bridge_node import BridgeNode
+from tricycle_bridge.diagnosis import diagnose
 
 pytestmark = pytest.mark.ros
 
@@ -50,3 +51,17 @@ def test_the_executor_raises_when_a_thread_died(bridge, monkeypatch, method, thr
         patch.setattr(BridgeNode, method, fail)  # which only this thread calls
         with pytest.raises(RuntimeError, match=f"the thread of the {thread} died"):
             _spin(bridge)
+
+
+def test_an_imu_without_an_accelerometer_is_none(bridge):
+    def told():
+        values = diagnose(bridge._bridge, bridge._now())[0].values
+        return values["first pulses against imu"]
+
+    message = Imu()
+    message.linear_acceleration_covariance[0] = -1.0  # REP-145
+    bridge._on_imu(message)
+    assert told() == "not watched: no acceleration on imu"
+    message.linear_acceleration_covariance[0] = 0.0
+    bridge._on_imu(message)
+    assert told() == "watched"

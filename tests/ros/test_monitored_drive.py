@@ -3,7 +3,9 @@
 import re
 from dataclasses import replace
 from importlib.resources import files
+from threading import Event
 
+import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Duration, Time
@@ -15,13 +17,19 @@ from sensor_msgs.msg import JointState
 from simulated_drives import VEHICLE, commands_of_pair, driven
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from excitation_planner.maneuver import Circle
+from excitation_planner.plan import save_plan
+from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.identification_file import document_of, save_identification_file
 from parameter_identification.identification_monitor_node import IdentificationMonitor
+from parameter_identification.live_identification import LiveIdentification
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import IdentificationError
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.stamps import SECOND
+from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = pytest.mark.ros
 
@@ -34,6 +42,7 @@ class Driven:
     def __init__(self):
         self.node = IdentificationMonitor()
         self.told = []
+        self.plan_id = "plan"
         self.node._estimates.publish = self.told.append
         self.commands = commands_of_pair()["circle"]
         position = driven(self.commands, standstill=1.0).signals[Sensor.POSITION]
@@ -41,7 +50,7 @@ class Driven:
 
     def hand_over(self):
         message = JointTrajectory(joint_names=list(JOINTS))
-        message.header.frame_id, message.header.stamp = "plan", stamp(-10.0)
+        message.header.frame_id, message.header.stamp = self.plan_id, stamp(-10.0)
         played = self.commands
         for row in zip(played.time, played.steering_motor_angle, played.speed, strict=True):
             at, angle, speed = map(float, row)
@@ -54,8 +63,11 @@ class Driven:
             )
         self.node._on_commands(message)
 
-    def state(self, state, elapsed=0.0):
-        told = ManeuverState(state, "plan", START, elapsed, self.commands.duration).values()
+    def state(self, state, elapsed=0.0, commander=""):
+        whole = self.commands.duration
+        told = ManeuverState(
+            state, self.plan_id, START, elapsed, whole, commander=commander
+        ).values()
         pairs = [KeyValue(key=key, value=value) for key, value in told.items()]
         self.node._on_state(DiagnosticStatus(values=pairs))
 
@@ -68,8 +80,9 @@ class Driven:
                 message.pose.pose.orientation.w = 0.0  # no heading
                 self.node._on_odom(message)
 
-    def played(self, time, **values):
+    def played(self, time, sender="", **values):
         message = JointState(name=list(JOINTS), **values)
+        message.header.frame_id = sender
         message.header.stamp = stamp(time)
         self.node._on_played(message)
 
@@ -80,7 +93,17 @@ class Driven:
         for half in range(round(2.0 * end)):
             self.state(PlaybackState.RUNNING, 0.5 * half)
             self.poses(0.5 * half, 0.5 * half + 0.5)
-            self.node._update()
+            self.update()
+
+    def update(self):
+        """Ask the monitor, and let it tell what its fits have shown."""
+        self.node._update()
+        self.settle()
+
+    def settle(self):
+        for fit in self.node._fits:
+            fit.thread.join()
+        self.node._tell_fitted()
 
 
 def stamp(time):
@@ -132,13 +155,13 @@ def test_a_drive_whose_driver_is_gone_gets_no_verdict(monitor, capfd, state):
     driven.drive(3.0)
     if state is None:
         driven.poses(3.0, 4.5)
-        driven.node._update()
+        driven.update()
         assert driven.told[-1].message.startswith("4.")  # a message may be late
         driven.poses(4.5, 5.2)
     else:
         driven.state(state)
     told = len(driven.told)
-    driven.node._update()
+    driven.update()
     assert len(driven.told) == told
     line = f"the driver is {state.value if state else 'silent'}: the drive of plan plan gets no"
     assert line in capfd.readouterr().err
@@ -185,3 +208,96 @@ def test_a_vehicle_of_which_all_is_known_is_refused(monitor, tmp_path):
     (tmp_path / "known.yaml").write_text(known, encoding="utf-8")
     with pytest.raises(IdentificationError, match="tricycle has no unknown parameter"):
         monitor(vehicle_file=tmp_path / "known.yaml")
+
+
+def test_samples_are_heard_while_a_fit_takes_long(monitor, monkeypatch):
+    go_on, update = Event(), LiveIdentification.update
+
+    def slow(live):
+        go_on.wait(60.0)
+        return update(live)
+
+    driven = monitor()
+    monkeypatch.setattr(LiveIdentification, "update", slow)
+    driven.hand_over()
+    driven.state(PlaybackState.RUNNING)
+    driven.poses(-1.0, 3.0)
+    driven.state(PlaybackState.RUNNING, 3.0)
+    driven.node._update()
+    driven.poses(3.0, 4.0)
+    driven.node._update()  # the first fit goes on
+    assert driven.node._live.newest(Sensor.POSITION) > START + 3.9 * SECOND
+    assert len(driven.node._fits) == 1
+    go_on.set()
+    driven.settle()
+    driven.update()
+    elapsed = [{p.key: p.value for p in message.values}["elapsed"] for message in driven.told]
+    assert [round(float(value)) for value in elapsed] == [3, 4]
+
+
+def test_the_model_is_compiled_before_a_drive(monitor, monkeypatch):
+    prepared = []
+    monkeypatch.setattr(LiveIdentification, "prepare", lambda live: prepared.append(live))
+    driven = monitor()
+    assert prepared == [driven.node._live]
+
+
+def test_a_drive_of_which_nothing_was_heard_gets_a_message_too(monitor):
+    driven = monitor()
+    driven.hand_over()
+    driven.state(PlaybackState.RUNNING)
+    driven.state(PlaybackState.DONE, 12.0)
+    driven.node._end()
+    driven.settle()
+    (message,) = driven.told
+    assert message.level == bytes([Level.WARN])
+    assert message.message.startswith("no verdict: its samples show no motion")
+
+
+def test_a_plan_for_another_vehicle_is_not_identified(monitor, tmp_path):
+    packaged = (files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")
+    (tmp_path / "longer.yaml").write_text(
+        packaged.replace("axle: {value: 0.724", "axle: {value: 0.781"), encoding="utf-8"
+    )
+    longer = load_vehicle(tmp_path / "longer.yaml")
+    request = PlanRequest(longer, Circle(duration=4.0), "cornering_stiffness", samples=50)
+    plan = plan_at(request, np.array([2.5, 1.0]))
+    save_plan(plan, tmp_path / "plan.json")
+    driven = monitor(plan_file=tmp_path / "plan.json")
+    driven.plan_id = plan.id
+    driven.drive(3.0)
+    (message,) = driven.told
+    assert message.level == bytes([Level.WARN])
+    assert message.message.startswith(f"nothing is identified: plan {plan.id} is for")
+
+
+def test_a_clock_that_begins_anew_ends_a_drive_without_a_verdict(monitor, capfd):
+    driven = monitor()
+    driven.drive(6.0)
+    told = len(driven.told)
+    for tick in range(200):  # of the new clock
+        message = Odometry()
+        message.header.stamp = stamp(-100.0 + 0.05 * tick)
+        message.pose.pose.orientation.w = 1.0
+        driven.node._on_odom(message)
+    driven.state(PlaybackState.ABORTED, 6.0)
+    driven.node._end()
+    driven.update()
+    assert len(driven.told) == told
+    line = "the clock of the samples began anew: the drive of plan plan gets no verdict"
+    assert line in capfd.readouterr().err
+
+
+def test_set_points_of_another_commander_are_not_those_of_the_lead_in(monitor):
+    driven = monitor()
+    lead_in = Path()
+    lead_in.header.stamp = stamp(-10.0)
+    lead_in.poses.append(PoseStamped())
+    lead_in.poses[-1].header.stamp = Time(sec=2)
+    driven.node._on_lead_in(lead_in)
+    driven.hand_over()
+    driven.state(PlaybackState.RUNNING, commander="/maneuver_driver")
+    for tick in range(100):
+        driven.played(0.01 * tick, "/maneuver_driver", position=[0.0, 0.0])
+        driven.played(0.01 * tick, "/teleop", position=[0.5, 0.0])
+    assert {angle for _, angle in driven.node._live._drive.led} == {0.0}

@@ -238,7 +238,7 @@ def test_disarming_hands_the_vehicle_over_too(driving):
 def test_publishers_that_do_not_say_who_they_are_are_reported(vehicle):
     vehicle.target = None
     other_commands(vehicle, 0.0, 0.0)
-    state = diagnose(vehicle.bridge, vehicle.now, {Source.CMD_VEL: 2})[0]
+    state = diagnose(vehicle.bridge, vehicle.now, {Source.CMD_VEL: ["/a", "/b"]})[0]
     assert state.level is Level.WARN
     assert state.message.endswith("; 2 publishers of cmd_vel that do not say who sends")
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from tricycle_bridge.commands.command_stream import Source
 from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.protocol.messages import (
     Board,
@@ -97,6 +98,27 @@ def test_the_vehicle_waits_for_the_operator(vehicle):
     state = diagnose(vehicle.bridge, vehicle.now)[0]
     assert (state.level, state.message) == (Level.WARN, "not armed: waiting for the operator")
     assert int(state.values["commands accepted"]) == pytest.approx(20)
+
+
+def test_commanders_of_one_name_are_told(driving):
+    publishers = {Source.JOINT_COMMANDS: ["/maneuver_driver"]}
+    assert diagnose(driving.bridge, driving.now, publishers)[0].level is Level.OK
+    publishers[Source.JOINT_COMMANDS] *= 2
+    vehicle = diagnose(driving.bridge, driving.now, publishers)[0]
+    assert vehicle.level is Level.WARN
+    assert vehicle.message.startswith("armed; joint_commands: /maneuver_driver runs 2 times: end")
+
+
+def test_what_the_wheel_is_compared_with_is_told(driving):
+    def told():
+        values = diagnose(driving.bridge, driving.now)[0].values
+        return values["wheel speed against odom"], values["first pulses against imu"]
+
+    assert told() == ("not watched: no odom", "not watched: no acceleration on imu")
+    driving.bridge.set_force(0.1, driving.now)
+    assert told()[1] == "watched"
+    driving.step(30)
+    assert told()[1] == "not watched: no acceleration on imu"
 
 
 def test_a_supply_outside_its_thresholds_is_a_warning(vehicle):

@@ -7,6 +7,7 @@ the installed executables and, in tests/ros/test_parameters.py, with the paramet
 import pytest
 from launch_recorder import LAUNCH_FILES, launch_actions, launched_nodes, project_scripts
 
+from tricycle_core.errors import NodeError
 from tricycle_core.start import ending_with_parent
 
 
@@ -114,6 +115,47 @@ def test_a_drive_is_not_started_unrecorded_where_a_bag_was_asked_for(bag):
     found = {node["executable"]: node["parameters"] for node in nodes}
     assert found["trajectory_recorder"]["record"] is bool(bag)
     assert found["maneuver_driver"]["recording_needed"] is bool(bag)
+
+
+def test_hold_to_run_countdown_and_bring_up_are_launch_arguments_that_are_off_unless_given():
+    def parameters(**arguments):
+        nodes = launched_nodes("vehicle.launch.py", **arguments)
+        found = {node["executable"]: node["parameters"] for node in nodes}
+        driver, bridge = found["maneuver_driver"], found["tricycle_bridge"]
+        return [of.get(n) for of, n in (
+            (driver, "hold_timeout"), (driver, "countdown"), (bridge, "bring_up_record"),
+        )]  # fmt: skip
+
+    assert parameters() == [None, None, None]
+    given = {"hold_timeout": "0.25", "countdown": "5", "bring_up_record": "bring_up.json"}
+    assert parameters(**given) == [0.25, 5.0, "bring_up.json"]
+
+
+@pytest.mark.parametrize("file", ["simulation.launch.py", "vehicle.launch.py"])
+def test_a_parameter_file_reaches_the_nodes_and_their_topics_in_a_namespace(file, tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        "/**/maneuver_driver:\n  ros__parameters:\n    max_deviation: 1.5\n"
+        "    qos_overrides: {/odom: {subscription: {depth: 7}}}\n"
+        "/**/tricycle_bridge:\n  ros__parameters: {bring_up_age: 7.0}\n"
+    )
+    nodes = launched_nodes(file, params_file=str(own), namespace="second")
+    found = {node["executable"]: node["parameters"] for node in nodes}
+    driver = found["maneuver_driver"]
+    assert driver["max_deviation"] == 1.5
+    assert driver["qos_overrides./second/odom.subscription.depth"] == 7
+    assert found["tricycle_bridge"]["bring_up_age"] == 7.0
+
+
+def test_a_parameter_file_that_contradicts_the_arguments_or_is_none_is_told(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("maneuver_driver:\n  ros__parameters: {hold_timeout: 0.5}\n")
+    assert launched_nodes("vehicle.launch.py", params_file=str(own))
+    twice = "hold_timeout of maneuver_driver: set by a launch argument"
+    with pytest.raises(NodeError, match=twice):
+        launched_nodes("vehicle.launch.py", params_file=str(own), hold_timeout="0.25")
+    with pytest.raises(NodeError, match=r"none\.yaml: No such file"):
+        launched_nodes("vehicle.launch.py", params_file=str(tmp_path / "none.yaml"))
 
 
 def test_the_vehicle_never_starts_the_simulation_nor_arms_by_itself():

@@ -17,7 +17,7 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, UInt8
 from std_srvs.srv import Trigger
@@ -36,8 +36,9 @@ from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import LinkError, PlanError
 from tricycle_core.frames import MANEUVER
 from tricycle_core.joint_trajectory import rows_of
-from tricycle_core.joints import JOINTS
+from tricycle_core.joints import JOINTS, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
+from tricycle_core.namesakes import full_name, namesakes
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
@@ -51,6 +52,7 @@ try:  # not among the wheels
 except ImportError:
     TFMessage = None
 
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # of any publisher
 OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 PREFLIGHT_EVERY = 1.0  # s between looks at what a start needs
 REPORTING = "tricycle_bridge: ", "trajectory_recorder: "  # names that the pre-flight heeds
@@ -211,6 +213,7 @@ class ManeuverDriver(Node):
             (Odometry, "odom", self._on_odom, qos_profile_sensor_data),
             (DiagnosticStatus, READINESS_TOPIC, self._on_readiness, LATCHED),
             (Bool, "maneuver/hold", self._on_hold, qos_profile_sensor_data),
+            (JointState, "joint_states", self._on_joint_states, NEWEST),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
         ):
             self.create_subscription(kind, topic, callback, **overridable(qos))
@@ -311,6 +314,11 @@ class ManeuverDriver(Node):
     def _on_hold(self, message: Bool) -> None:
         self._playback.hold(message.data, self._now())
 
+    def _on_joint_states(self, message: JointState) -> None:
+        angle = dict(zip(message.name, message.position, strict=False)).get(STEERING_JOINT)
+        if angle is not None:
+            self._playback.watch.steer(angle, self._now())
+
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.startswith(REPORTING):
@@ -325,18 +333,18 @@ class ManeuverDriver(Node):
     def _others(self) -> tuple[Check, ...]:
         """Items of the pre-flight that are not the playback's."""
         now, needed = self._clocks(), self._recording_needed
-        joints = self.resolve_topic_name("joint_commands")
-        publishers = [
-            f"{end.node_namespace.rstrip('/')}/{end.node_name}"
-            for end in self.get_publishers_info_by_topic(joints)
-        ]
         bag = self._reports.get(RECORDER)
         return (
             self._clock_check(),
             *(self._reports[n].check(n, now) for n in sorted(self._reports) if n != RECORDER),
-            commanders(self._name, publishers),
+            commanders(self._name, self._commanding()),
             recording(bag, self._playback.duration, now, needed=needed),
         )
+
+    def _commanding(self) -> list[str]:
+        """Names of all publishers of commands, the own one among them."""
+        ends = self.get_publishers_info_by_topic(self.resolve_topic_name("joint_commands"))
+        return [full_name(end.node_namespace, end.node_name) for end in ends]
 
     def _clock_check(self) -> Check:
         return clock(time.monotonic() - self._ticked)
@@ -355,6 +363,10 @@ class ManeuverDriver(Node):
 
     def _publish_preflight(self) -> None:
         if self._playback.state.driving:
+            # the vehicle obeys both as one, and either may answer ~/abort
+            own = (name for name in self._commanding() if name == self._name)
+            if doubled := namesakes(own):
+                self._playback.abort(doubled)
             return
         message = DiagnosticArray(
             status=[
@@ -502,6 +514,7 @@ class ManeuverDriver(Node):
             playback.elapsed,
             playback.duration,
             playback.reason,
+            self._name,
         ).values()
         self._state.publish(
             DiagnosticStatus(

@@ -38,8 +38,12 @@ STALL = 0.1
 PREPARATION = 0.5
 """Time before row 0 for which standstill with its steering angle is commanded [s].
 
-The wheels turn to where the maneuver starts, and the bridge has changed over to these commands.
+The wheels turn to where the maneuver starts, and the bridge has changed over to these commands. It
+is longer, by up to `ARRIVAL`, until the wheels are there and the vehicle, which they push, rests.
 """
+
+ARRIVAL = 10.0
+"""Time after `PREPARATION` for which wheels and the vehicle's rest are waited for, at most [s]."""
 
 BEING_STOPPED = "the vehicle is being stopped after a run; try again when it rests"
 """Why a start is refused that comes too soon."""
@@ -256,7 +260,7 @@ class Playback:
         )
 
     def start(self, now: float, others: Sequence[Check] = ()) -> None:
-        """Start the maneuver; row 0 is played after the countdown and `PREPARATION`.
+        """Start the maneuver; row 0 is played after the countdown and `PREPARATION`, at rest.
 
         Parameters
         ----------
@@ -528,8 +532,13 @@ class Playback:
             if waited < PREPARATION - 1e-6:
                 self._held = JointCommand(float(schedule.steering_motor_angle[0]), 0.0)
                 return self._held
-            if reason := self.watch.moves() or self._displaced() or self._off_start():
-                self.abort(reason)
+            late = waited >= PREPARATION + ARRIVAL - 1e-6
+            first = float(schedule.steering_motor_angle[0])
+            unready = self.watch.turning(first, now, late=late) or self.watch.moves()
+            unfit = self._displaced() or self._off_start()
+            if unfit or (unready and late):
+                self.abort(unfit or unready)
+            if unfit or unready:
                 return self._held
             # by the poses since the start was asked for: the vehicle may have moved before
             if self._plan is not None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from tricycle_core.diagnostics import Level
+from tricycle_core.namesakes import LEFT_BEHIND, namesakes
 
 SILENCE = 3.0
 """Age beyond which what another node said of itself does not count [s]."""
@@ -46,19 +47,19 @@ class Check:
 
 
 def commanders(own: str, publishers: Iterable[str]) -> Check:
-    """Return who could command the vehicle beside the driver.
+    """Return whether somebody else could command the vehicle, a namesake of the driver too.
 
     Parameters
     ----------
     own : str
         Name of the driver.
     publishers : iterable of str
-        Names of all publishers of commands.
+        Names of all publishers of commands, one for each.
     """
-    others = sorted(set(publishers) - {own})
-    if others:
-        return Check("commanders", f"{', '.join(others)} could command too", Level.WARN)
-    return Check("commanders", "nobody else")
+    every = list(publishers)
+    others = sorted(set(every) - {own})
+    more = f"{', '.join(others)} could command too: end it; {LEFT_BEHIND}" if others else ""
+    return Check.of("commanders", namesakes(every) or more, "nobody else")
 
 
 def clock(stood: float) -> Check:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from excitation_planner.localisation import PlanarState
+from tricycle_bridge.protocol.boards import TRACKING_ERROR
 from tricycle_core.frames import BASE_LINK, of_frame
 from tricycle_core.readiness import PERIOD, TOPIC, Readiness
 
@@ -12,6 +13,9 @@ STANDSTILL_SPEED = 0.05
 
 CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
+
+ARRIVED = 0.05
+"""Difference between measured and commanded angle of the steering motor that is none [rad]."""
 
 MUST_STAND = "it must stand still"
 """Why a start is refused that comes too soon."""
@@ -55,6 +59,8 @@ class VehicleWatch:
     _heard_at: float = -math.inf
     _pressed: bool = False
     _pressed_at: float = -math.inf
+    _angle: float = math.nan
+    _angle_at: float = -math.inf
 
     def observe(self, state: PlanarState, stamp: float, now: float) -> None:
         """Take the newest pose and speed.
@@ -94,10 +100,22 @@ class VehicleWatch:
         """
         self._pressed, self._pressed_at = pressed, now
 
+    def steer(self, angle: float, now: float) -> None:
+        """Take a measured angle of the steering motor.
+
+        Parameters
+        ----------
+        angle : float
+            Left positive [rad].
+        now : float
+            Time of receipt [s].
+        """
+        self._angle, self._angle_at = angle, now
+
     def forget(self) -> None:
-        """Forget pose, readiness and the hold-to-run button, whose age is not known any more."""
+        """Forget what was heard of the vehicle and its button: its age is not known any more."""
         self.observed = self._readiness = None
-        self._pressed = False
+        self._pressed, self._angle = False, math.nan
 
     @property
     def speed(self) -> float:
@@ -175,6 +193,26 @@ class VehicleWatch:
         if age > self.odom_timeout:
             return f"no pose on odom for {age:.2f} s, by its stamp"
         return ""
+
+    def turning(self, angle: float, now: float, *, late: bool = False) -> str:
+        """Return how far the wheels still are from an angle; empty where they have arrived.
+
+        It is empty, too, where their angle is not measured.
+
+        Parameters
+        ----------
+        angle : float
+            Of the steering motor, as commanded [rad].
+        now : float
+            Present time [s].
+        late : bool
+            Whether there was time enough: what the steer board takes for no fault is none then.
+        """
+        off = abs(angle - self._angle)
+        allowed = TRACKING_ERROR if late else ARRIVED
+        if not off > allowed or now - self._angle_at > self.odom_timeout:
+            return ""
+        return f"the steering motor is at {self._angle:.2f} rad, the plan begins at {angle:.2f} rad"
 
     def undirected(self) -> str:
         """Return why the vehicle cannot be steered by its pose; empty if it can."""

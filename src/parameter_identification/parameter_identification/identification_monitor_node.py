@@ -1,8 +1,11 @@
 """identification_monitor: estimates of the unknown parameters while a maneuver is driven."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from pathlib import Path
+from threading import Thread
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
@@ -13,7 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from excitation_planner.plan import load_plan
+from excitation_planner.plan import Plan, load_plan
 from excitation_planner.planning import check_vehicle
 from parameter_identification.drives.measured import Sensor, commands_of
 from parameter_identification.drives.poses import planar, stamp_of
@@ -34,7 +37,7 @@ from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
 from tricycle_core.stamps import SECOND, seconds_of
 from tricycle_sim.commands import Commands
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import Vehicle, load_vehicle
 
 PERIOD = 1.0  # s of wall time between updates
 LATE = 0.2  # s of wall time in which a sensor that has more samples tells one
@@ -44,6 +47,47 @@ TOPIC = "identification/estimates"
 SENSORS = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT
 )  # none is lost meanwhile
+
+
+CLOCK_BEGAN_ANEW = "the clock of the samples began anew"
+
+Learnt = tuple[Moment | None, DriveVerdict | None]
+
+
+class _Fit:
+    """A fit in a thread of its own, which does not keep the process from ending."""
+
+    def __init__(
+        self,
+        learn: Callable[[], Learnt],
+        plan_id: str,
+        planned: Planned | None,
+        after: Thread | None,
+        *,
+        last: bool,
+    ) -> None:
+        self.plan_id, self.planned, self.last = plan_id, planned, last
+        self.told = True  # unless its drive is given up meanwhile
+        self.outcome: Future[Learnt] = Future()
+        self.thread = Thread(target=self._run, args=(learn, after), name="fit", daemon=True)
+        self.thread.start()
+
+    def _run(self, learn: Callable[[], Learnt], after: Thread | None) -> None:
+        if after is not None:
+            after.join()
+        try:
+            self.outcome.set_result(learn())
+        except Exception as error:  # raised again where it is told
+            self.outcome.set_exception(error)
+
+
+def _other_vehicle(plan: Plan, vehicle: Vehicle) -> str:
+    """Say what tells the vehicle of a plan from this one; empty where nothing does."""
+    try:
+        check_vehicle(plan, vehicle)
+    except ExcitationError as error:
+        return str(error)
+    return ""
 
 
 class IdentificationMonitor(Node):
@@ -82,11 +126,16 @@ class IdentificationMonitor(Node):
                 f"vehicle_file: {self._vehicle.name} has no unknown parameter: nothing to identify"
             )
         self._live = LiveIdentification(self._vehicle)
+        self._live.prepare()  # not in the middle of a drive
+        self._fits: deque[_Fit] = deque()  # under way, or not told yet
         self._commands: dict[str, Commands] = {}  # the newest by plan id
         self._stamp = 0  # of these commands
         self._lead_ins: dict[int, float] = {}  # the newest by stamp: its end
         self._known: GaussianPrior | None = None  # before these commands
         self._planned: Planned | None = None  # of these commands
+        self._another_vehicle = ""  # that these commands were planned for, and which
+        self._refused: int | None = None  # start of the drive that is not identified, ns
+        self._commander = ""  # frame id of the driver's set-points; empty: not told
         self._running: int | None = None  # start of the drive under way, ns
         self._heard = 0  # until when the driver has told its state, ns
         self._ended = math.inf  # when the newest drive ended early, s since its start
@@ -105,6 +154,7 @@ class IdentificationMonitor(Node):
             self.create_subscription(kind, topic, callback, **overridable(qos))
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation may be fast
         self.create_timer(PERIOD, self._update, clock=steady)
+        self.create_timer(LATE, self._tell_fitted, clock=steady)
         self._late = self.create_timer(LATE, self._end, clock=steady, autostart=False)
 
     def _on_odom(self, message: Odometry) -> None:
@@ -153,6 +203,8 @@ class IdentificationMonitor(Node):
 
     def _on_played(self, message: JointState) -> None:
         """Take a set-point of the driver, which steers the lead-in itself."""
+        if self._commander and message.header.frame_id != self._commander:
+            return  # the bridge refuses it, too
         angle = dict(zip(message.name, message.position, strict=False)).get(STEERING_JOINT)
         if angle is not None:
             self._live.play(stamp_of(message), angle)
@@ -160,14 +212,16 @@ class IdentificationMonitor(Node):
     def _prediction(self, plan_id: str) -> Planned | None:
         """Return what the plan of that id predicts; None, with the reason logged, if none does."""
         file = self.get_parameter("plan_file").value
+        self._another_vehicle = ""
         if not file:
             return None
         try:
             plan = load_plan(Path(file))
-            check_vehicle(plan, self._vehicle)
             if plan.id == plan_id:
-                return Planned.of(plan, self._vehicle, self._known)
-            why = f"{file} holds plan {plan.id}, not {plan_id}"
+                self._another_vehicle = _other_vehicle(plan, self._vehicle)
+                if not self._another_vehicle:
+                    return Planned.of(plan, self._vehicle, self._known)
+            why = self._another_vehicle or f"{file} holds plan {plan.id}, not {plan_id}"
         except (ExcitationError, OSError) as error:
             why = message_of(error)
         self.get_logger().warning(f"no prediction: {why}")
@@ -179,6 +233,7 @@ class IdentificationMonitor(Node):
         except ValueError as error:
             self.get_logger().error(f"maneuver/state: {error}", throttle_duration_sec=10.0)
             return
+        self._commander = state.commander
         if state.state is PlaybackState.RUNNING:
             if state.start_time != self._running:
                 self._begin(state)
@@ -194,18 +249,24 @@ class IdentificationMonitor(Node):
     def _abandon(self, why: str) -> None:
         self._running = None
         self._live.abandon()
+        self._forget_updates()
         self.get_logger().warning(f"{why}: the drive of plan {self._plan_id} gets no verdict")
 
     def _end(self) -> None:
-        """Tell what the drive has shown, once its last samples have come."""
-        if self._live.complete(self._ended):
+        """Have told what the drive has shown, once its last samples have come."""
+        if self._live.began_anew:
+            self._late.cancel()
+            self._abandon(CLOCK_BEGAN_ANEW)
+        elif self._live.complete(self._ended):
             self._late.cancel()
             if (missing := self._live.unheard) > UNHEARD:
                 self.get_logger().warning(
                     f"{self.resolve_topic_name(TopicNames().played)}: the steering in the first "
                     f"{missing:.1f} s of the lead-in was not heard; the plan's is taken for it"
                 )
-            self._tell(lambda: self._live.end(self._ended))
+            whole, ended = self._live.snapshot(), self._ended
+            self._live.abandon()  # the samples of the next drive are not this one's
+            self._learn(lambda: whole.end(ended), last=True)
 
     def _begin(self, state: ManeuverState) -> None:
         commands = self._commands.get(state.plan_id)
@@ -215,7 +276,14 @@ class IdentificationMonitor(Node):
                 throttle_duration_sec=10.0,
             )
             return
+        if self._another_vehicle:
+            if self._refused != state.start_time:
+                self._refused = state.start_time
+                why = f"nothing is identified: {self._another_vehicle}; vehicle_file must name it"
+                self._publish(Level.WARN, why, {"plan_id": state.plan_id})
+            return
         self._late.cancel()
+        self._forget_updates()
         self._running, self._plan_id = state.start_time, state.plan_id
         lead_in = self._lead_ins.get(self._stamp, 0.0)
         self._live.begin(commands, state.start_time, self._planned, self._known, lead_in)
@@ -253,21 +321,45 @@ class IdentificationMonitor(Node):
     def _update(self) -> None:
         if self._running is None:
             return
-        if self._live.newest(Sensor.POSITION) > self._heard + SILENT:
+        if self._live.began_anew:
+            self._abandon(CLOCK_BEGAN_ANEW)
+        elif self._live.newest(Sensor.POSITION) > self._heard + SILENT:
             self._abandon("the driver is silent")
-        else:
-            self._tell(lambda: (self._live.update(), None))
+        elif not self._fits:  # one that takes longer than the period is waited for
+            so_far = self._live.snapshot()
+            self._learn(lambda: (so_far.update(), None), last=False)
 
-    def _tell(self, learn: Callable[[], tuple[Moment | None, DriveVerdict | None]]) -> None:
+    def _learn(self, learn: Callable[[], Learnt], *, last: bool) -> None:
+        """Begin a fit, whose samples are taken, in a thread: meanwhile the next ones are heard."""
+        after = self._fits[-1].thread if self._fits else None
+        self._fits.append(_Fit(learn, self._plan_id, self._planned, after, last=last))
+
+    def _forget_updates(self) -> None:
+        """Leave untold what fits during a drive that is given up show."""
+        for fit in self._fits:
+            fit.told = fit.told and fit.last
+
+    def _tell_fitted(self) -> None:
+        """Publish what fits have shown that have ended."""
+        while self._fits and self._fits[0].outcome.done():
+            fit = self._fits.popleft()
+            if fit.told:
+                self._tell(fit)
+
+    def _tell(self, fit: "_Fit") -> None:
         """Publish what was learnt, or why nothing could be."""
+        plan = {"plan_id": fit.plan_id}
         try:
-            moment, verdict = learn()
+            moment, verdict = fit.outcome.result()
         except IdentificationError as error:
-            self._publish(Level.WARN, str(error), {})
+            self._publish(Level.WARN, str(error), plan)
             return
         if moment is None:
+            if fit.last:
+                seen = "its samples show no motion, or were not heard"
+                self._publish(Level.WARN, f"no verdict: {seen}", plan)
             return
-        values = {"plan_id": self._plan_id, "elapsed": f"{moment.elapsed:.2f}"}
+        values = plan | {"elapsed": f"{moment.elapsed:.2f}"}
         enough = self._enough(moment)
         if enough is not None:
             values["known"] = str(enough).lower()
@@ -285,7 +377,7 @@ class IdentificationMonitor(Node):
             }
             self._publish(Level.OK if verdict.informative else Level.WARN, str(verdict), values)
             return
-        target = self._planned.target if self._planned else next(iter(moment.parameters))
+        target = fit.planned.target if fit.planned else next(iter(moment.parameters))
         text = f"{moment.elapsed:.1f} s: {target} {moment.parameters[target]}"
         self._publish(Level.OK, text + ("; all targets are known" if enough else ""), values)
 

@@ -1,11 +1,15 @@
 """Identification during a drive: what its samples have shown so far, beside what was planned.
 
     live = LiveIdentification(vehicle)
+    live.prepare()                                 # compiles what an update needs
     live.sense(Sensor.POSITION, stamp, (x, y))     # as they come, before the start event too
     live.begin(commands, start, Planned.of(plan, vehicle))
     live.update()                                  # once a second: estimates and deviations
     live.complete()                                # after the drive: whether all samples have come
     live.end()                                     # estimates from all of them, and the verdict
+
+An update may take longer than the time between samples: `live.snapshot()` is one that another
+thread can update or end meanwhile, one at a time.
 
 Every update fits all samples so far by the model, noise and prior of `identify`, from where the
 last one ended: a step or two; the last one goes on until noise and fit belong together. Intervals
@@ -15,6 +19,7 @@ are linear, there is one start and there are no effects.
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,6 +36,7 @@ from parameter_identification.drives.measured import (
     resolved,
 )
 from parameter_identification.drives.recorded import SteeredLeadIn
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
 from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.model import DriveModel
@@ -41,8 +47,16 @@ from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, with_deviation
 from tricycle_core.stamps import SECOND
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+_MADE_UP = 3.0  # s of the drive that `LiveIdentification.prepare` makes up
+_LIVE = (  # sensors that a monitor listens to
+    *(Sensor.POSITION, Sensor.HEADING, Sensor.YAW_RATE),
+    *(Sensor.WHEEL_SPEED, Sensor.LATERAL_ACCELERATION),
+)
 
 KEPT = 5 * SECOND
 """Age of samples that are kept without a drive [ns]: the start event may be heard late."""
@@ -64,6 +78,9 @@ CLIPPED = 0.95
 
 REACHED = 0.5
 """Time in which the steering reaches a commanded angle [s]."""
+
+GAP = 0.5
+"""Time without a sample of a sensor from which some were lost [s]."""
 
 CHORD = 0.5
 """Time between the positions that a way is summed over [s]: shorter ones would add noise."""
@@ -217,17 +234,24 @@ class DriveVerdict:
 
 
 @dataclass(eq=False)
+class _LastFit:
+    """Where the last fit of a drive ended."""
+
+    z: FloatArray | None = None  # parameters in their ranges
+    nuisances: dict[str, float] = field(default_factory=dict)  # in their units
+    noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
+    rate: dict[Sensor, float] = field(default_factory=dict)  # Hz
+
+
+@dataclass(eq=False)
 class _Drive:
-    """A drive under way, and where its last fit ended."""
+    """A drive under way."""
 
     commands: Commands
     start: int  # ns
     planned: Planned | None
     prior: tuple[FloatArray, FloatArray]  # mean and information in ranges
-    z: FloatArray | None = None  # parameters in their ranges
-    nuisances: dict[str, float] = field(default_factory=dict)  # in their units
-    noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
-    rate: dict[Sensor, float] = field(default_factory=dict)  # Hz
+    fit: _LastFit = field(default_factory=_LastFit)  # which its snapshots share
     steered: float | None = None  # largest angle of the steering motor either way, rad
     lead_in: float = 0.0  # its end, s
     led: list[tuple[float, float]] = field(default_factory=list)  # set-points until then: s, rad
@@ -243,18 +267,19 @@ class _Drive:
     def variables(self, problem: LeastSquares) -> FloatArray:
         """Where the next fit starts: the means of the nuisances' priors follow the samples."""
         (model,) = problem.models
-        z = problem.candidates(1, seed=0)[0][: problem.k] if self.z is None else self.z
-        known = [(self.nuisances.get(n.name, n.mean) - n.mean) / n.std for n in model.nuisances]
+        fit = self.fit
+        z = problem.candidates(1, seed=0)[0][: problem.k] if fit.z is None else fit.z
+        known = [(fit.nuisances.get(n.name, n.mean) - n.mean) / n.std for n in model.nuisances]
         return np.concatenate([z, known])
 
     def keep(self, problem: LeastSquares, at: FloatArray) -> None:
         """Keep where a fit ended."""
         (model,) = problem.models
-        self.z = at[: problem.k]
+        self.fit.z = at[: problem.k]
         values = zip(model.nuisances, at[problem.k :].tolist(), strict=True)
-        self.nuisances = {n.name: n.mean + n.std * v for n, v in values}
-        self.noise = dict(problem.noise)
-        self.rate = {
+        self.fit.nuisances = {n.name: n.mean + n.std * v for n, v in values}
+        self.fit.noise = dict(problem.noise)
+        self.fit.rate = {
             sensor: (len(s.time) - 1) / float(np.ptp(s.time))
             for sensor, s in model.drive.signals.items()
         }
@@ -267,10 +292,16 @@ class LiveIdentification:
     ----------
     vehicle : Vehicle
         Known constants and ranges.
+
+    Attributes
+    ----------
+    began_anew : bool
+        Whether the newest drive was given up because its clock began anew.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
+        self.began_anew = False
         self._samples: dict[Sensor, deque[tuple[int, tuple[float, ...]]]] = {
             sensor: deque() for sensor in Sensor
         }
@@ -294,11 +325,44 @@ class LiveIdentification:
             return
         if not all(map(math.isfinite, values)):
             return
+        newest = oldest = samples[-1][0] if samples else 0
         while samples and samples[-1][0] >= stamp:
-            samples.pop()
+            oldest, _ = samples.pop()
+        if newest - oldest > JUMP // 2:  # not only one that was stamped ahead
+            self._begin_anew(stamp)
         samples.append((stamp, values))
         while self._drive is None and stamp - samples[0][0] > KEPT:
             samples.popleft()
+
+    def prepare(self) -> None:
+        """Compile what updates need, which takes a while where it was never done: a made-up fit."""
+        time = np.linspace(0.0, _MADE_UP, round(_MADE_UP / TICK) + 1)
+        ramp = np.minimum(time, 1.0)
+        commands = Commands(time, 0.1 * ramp, ramp)
+        nominal = np.array([self._vehicle.nominal[name] for name in self._vehicle.unknown])
+        motion = SensedMotion.of(simulate(self._vehicle, commands, nominal[None]))
+        sensors = {sensor: SensorNoise(0.01) for sensor in Sensor if sensor in _LIVE}
+        drive = measure(motion, commands, sensors, rng=np.random.default_rng(0))
+        trial = LiveIdentification(self._vehicle)
+        trial.begin(commands, 0)
+        for sensor, signal in drive.signals.items():
+            rows = zip(signal.time.tolist(), signal.values.tolist(), strict=True)
+            for at, values in rows:
+                trial.sense(sensor, round(at * SECOND), tuple(values))
+        with suppress(IdentificationError):  # of samples that mean nothing
+            trial.update()
+            trial.end()
+
+    def snapshot(self) -> "LiveIdentification":
+        """Return a copy with the samples so far, for another thread to update or to end.
+
+        What its fit ends at is where the next one begins: only one may be under way.
+        """
+        taken = LiveIdentification(self._vehicle)
+        taken._samples = {sensor: samples.copy() for sensor, samples in self._samples.items()}
+        if self._drive is not None:
+            taken._drive = replace(self._drive, led=list(self._drive.led))
+        return taken
 
     def steer(self, angle: float) -> None:
         """Take a measured angle of the steering motor, for the reasons of the verdict.
@@ -336,6 +400,7 @@ class LiveIdentification:
         """
         known = prior_in_ranges(self._vehicle, prior)
         self._drive = _Drive(commands, start, planned, known, lead_in=lead_in)
+        self.began_anew = False
 
     def play(self, stamp: int, angle: float) -> None:
         """Take a steering motor angle that the driver commands; it counts during the lead-in.
@@ -436,6 +501,14 @@ class LiveIdentification:
             verdict = replace(verdict, reasons=tuple(self._reasons(drive, moment)))
         return moment, verdict
 
+    def _begin_anew(self, stamp: int) -> None:
+        """Forget what is of a clock's time before it was set back to a stamp [ns]."""
+        for samples in self._samples.values():
+            while samples and samples[-1][0] >= stamp:
+                samples.pop()
+        self.began_anew = self.began_anew or self._drive is not None
+        self._drive = None
+
     def _signals(self, drive: "_Drive", end: float) -> dict[Sensor, Signal]:
         signals = {}
         for sensor, samples in self._samples.items():
@@ -459,6 +532,7 @@ class LiveIdentification:
             return
         if moment.elapsed < drive.commands.duration - 0.5:
             yield f"ended after {moment.elapsed:.1f} of {drive.commands.duration:.1f} s"
+        yield from self._gaps(drive, moment.elapsed)
         commands, signal = drive.commands, self._signals(drive, math.inf)[Sensor.POSITION]
         steps = np.arange(0.0, min(moment.elapsed, commands.duration), CHORD)
         path = [np.interp(steps, signal.time, column) for column in signal.values.T]
@@ -478,13 +552,22 @@ class LiveIdentification:
             (Sensor.YAW_RATE, noise.yaw_rate_std, noise.gyro_rate),
             (Sensor.WHEEL_SPEED, noise.wheel_speed_std, noise.wheel_rate),
         ):
-            if white and sensor not in drive.noise:
+            if white and sensor not in drive.fit.noise:
                 yield f"no {sensor.value}"
             elif white:  # samples at another rate: the same information with other noise
-                found = drive.noise[sensor].white * math.sqrt(rate / drive.rate[sensor])
+                found = drive.fit.noise[sensor].white * math.sqrt(rate / drive.fit.rate[sensor])
                 if found > NOISIER * white:
                     unit = sensor.unit
                     yield f"noise of {sensor.value} {found:.2g} {unit}, planned {white:.2g} {unit}"
+
+    def _gaps(self, drive: "_Drive", end: float) -> Iterator[str]:
+        """Which sensors told nothing for a while of a drive: their samples were lost."""
+        for sensor, samples in self._samples.items():
+            time = np.array([(stamp - drive.start) * 1e-9 for stamp, _ in samples])
+            steps = np.diff(time[(time >= 0.0) & (time <= end)])
+            if steps.size and steps.max() > max(GAP, 10.0 * float(np.median(steps))):
+                lost = float(steps[steps > GAP].sum())
+                yield f"samples of {sensor.value} are missing for {lost:.1f} of {end:.1f} s"
 
     def _update(self, drive: "_Drive", end: float, *, last: bool) -> Moment | None:
         """Fit the samples until `end`, from where the last update ended."""
@@ -509,7 +592,7 @@ class LiveIdentification:
             threadpool_limits(1, user_api="blas"),
             LeastSquares([model], *drive.prior, Loss.SQUARED) as problem,
         ):
-            problem.noise |= {s: level for s, level in drive.noise.items() if s in signals}
+            problem.noise |= {s: level for s, level in drive.fit.noise.items() if s in signals}
             fit = problem.minimise(drive.variables(problem), tolerance=ROUGH)
             if last:
                 fit = settled(problem, fit)

@@ -63,6 +63,7 @@ from tricycle_bridge.serial_port import IDLE_PERIOD, SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
+from tricycle_core.namesakes import full_name
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node, time_message
 from tricycle_core.readiness import ARMED_TOPIC, PERIOD, TOPIC, Readiness
 from tricycle_core.stamps import seconds_of, split_seconds
@@ -267,7 +268,7 @@ class BridgeNode(LifecycleNode):
     def _bring_up_problem(self, record: BringUpRecord, age: timedelta) -> str | None:
         links = self._bridge.links if self._bridge is not None else {}
         firmware = {b: firmware_build(link.identity) for b, link in links.items() if link.identity}
-        return record.problem(firmware, datetime.now(UTC), age)
+        return record.problem(firmware, self._configured, datetime.now(UTC), age)
 
     def _mistake(self) -> str | None:
         """Return what is wrong with the parameters, if anything."""
@@ -433,7 +434,10 @@ class BridgeNode(LifecycleNode):
     def _report(self, bridge: Bridge, now: float) -> None:
         stamp = time_message(self._ros_time(now))
         publishers = {
-            source: self.count_publishers(self.resolve_topic_name(source.value))
+            source: [
+                full_name(end.node_namespace, end.node_name)
+                for end in self.get_publishers_info_by_topic(self.resolve_topic_name(source.value))
+            ]
             for source in Source
         }
         array = DiagnosticArray()
@@ -526,6 +530,8 @@ class BridgeNode(LifecycleNode):
                 self._bridge.set_odometry(message.twist.twist.linear.x, self._now())
 
     def _on_imu(self, message: Imu) -> None:
+        if message.linear_acceleration_covariance[0] == -1.0:  # it measures none (REP-145)
+            return
         with self._lock:
             if self._bridge is not None:
                 self._bridge.set_force(message.linear_acceleration.x, self._now())

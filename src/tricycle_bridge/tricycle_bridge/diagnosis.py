@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tricycle_bridge.arming import supply_problem
@@ -17,6 +17,7 @@ from tricycle_bridge.protocol.readable import (
 )
 from tricycle_bridge.protocol.units import VOLTAGE_UNIT
 from tricycle_core.diagnostics import Level
+from tricycle_core.namesakes import namesakes
 
 # Names of the PLC's counters where that of the field does not say enough.
 _PLC_COUNTERS = {
@@ -57,7 +58,7 @@ class Diagnosis:
 
 
 def diagnose(
-    bridge: Bridge, now: float, publishers: Mapping[Source, int] | None = None
+    bridge: Bridge, now: float, publishers: Mapping[Source, Sequence[str]] | None = None
 ) -> list[Diagnosis]:
     """Return the state of the vehicle and of each link.
 
@@ -67,15 +68,17 @@ def diagnose(
         Bridge with both links.
     now : float
         Present time on the bridge's clock [s].
-    publishers : mapping of Source to int, optional
-        How many publishers the commanders' topics have.
+    publishers : mapping of Source to sequence of str, optional
+        Names of the nodes that publish on the commanders' topics, one for each publisher.
     """
     return [_diagnose_vehicle(bridge, now, publishers or {})] + [
         _diagnose_link(link, now) for link in bridge.links.values()
     ]
 
 
-def _diagnose_vehicle(bridge: Bridge, now: float, publishers: Mapping[Source, int]) -> Diagnosis:
+def _diagnose_vehicle(
+    bridge: Bridge, now: float, publishers: Mapping[Source, Sequence[str]]
+) -> Diagnosis:
     readiness = bridge.readiness(now)
     message = "armed" if readiness.armed else f"not armed: {readiness.reason}"
     level = Level.OK if readiness.armed else Level.WARN
@@ -84,23 +87,26 @@ def _diagnose_vehicle(bridge: Bridge, now: float, publishers: Mapping[Source, in
     elif alike := _indistinguishable(bridge, publishers):
         level, message = Level.WARN, f"{message}; {alike}"
     counters = bridge.commands.counters
-    watched = bridge.odometry.watching(now)
+    odometry, force = bridge.odometry.watching(now), bridge.start.watching(now)
     values = {
         "commander": readiness.commander,
         "commands accepted": str(counters.accepted),
         "commands too old": str(counters.stale),
         "commands refused": str(counters.refused),
-        "wheel speed against odom": "watched" if watched else "not watched: no odom",
+        "wheel speed against odom": "watched" if odometry else "not watched: no odom",
+        "first pulses against imu": "watched" if force else "not watched: no acceleration on imu",
     }
     return Diagnosis("tricycle_bridge: vehicle", level, message, values)
 
 
-def _indistinguishable(bridge: Bridge, publishers: Mapping[Source, int]) -> str | None:
-    """Say where several publish commands without a name: the bridge takes them for one."""
+def _indistinguishable(bridge: Bridge, publishers: Mapping[Source, Sequence[str]]) -> str | None:
+    """Say where several publish commands under one name or none: the bridge takes them for one."""
+    if alike := namesakes(publishers.get(Source.JOINT_COMMANDS, ())):
+        return f"{Source.JOINT_COMMANDS.value}: {alike}"
     last = bridge.commands.last_commander
-    if last is None or last.name or publishers.get(last.source, 0) < 2:
+    if last is None or last.name or (count := len(publishers.get(last.source, ()))) < 2:
         return None
-    return f"{publishers[last.source]} publishers of {last.source.value} that do not say who sends"
+    return f"{count} publishers of {last.source.value} that do not say who sends"
 
 
 def vehicle_problem(bridge: Bridge, now: float) -> str | None:

@@ -50,6 +50,10 @@ VEHICLE_ARGUMENTS: Mapping[str, Argument] = {
     "plan_file": ("plan.json", "of the planner, to read and write"),
     "bag": ("", "empty: ~/start records"),
     "identification": (False, "identify while driving, and compare with the plan"),
+    "hold_timeout": (0.0, "s without maneuver/hold that end a run; 0: none has to be held"),
+    "countdown": (0.0, "s from ~/start to the first command"),
+    "bring_up_record": ("", "record of `tricycle plc check` that arming asks for; empty: none"),
+    "params_file": ("", "parameter file of yours, for what no other argument sets"),
 }
 """Launch arguments of `VehicleNodes`: default and description by name."""
 
@@ -157,7 +161,7 @@ class VehicleNodes:
             Further arguments of `Node`.
         """
         return Node(
-            parameters=[self.config, *self._overrides(executable), *parameters],
+            parameters=self._sources(executable, *parameters),
             **self._common(package, executable),
             **more,
         )
@@ -184,17 +188,15 @@ class VehicleNodes:
         vehicle, plan = self.value["vehicle_file"], self.value["plan_file"]
         bag = self.value["bag"]
         files: Parameters = {"vehicle_file": vehicle, "plan_file": plan}
+        driver = driver_parameters(vehicle) | {"recording_needed": bool(bag)}
+        driver |= self._asked("hold_timeout", "countdown")
         monitors = []
         if self.value["identification"]:
             monitors = [self.node("parameter_identification", "identification_monitor", files)]
         return [
             *self._bridge(ports),
             self.node("excitation_planner", "excitation_planner", files),
-            self.node(
-                "excitation_planner",
-                "maneuver_driver",
-                driver_parameters(vehicle) | {"recording_needed": bool(bag)},
-            ),
+            self.node("excitation_planner", "maneuver_driver", driver),
             self.node(
                 "trajectory_recorder",
                 "trajectory_recorder",
@@ -204,15 +206,34 @@ class VehicleNodes:
             *self._state_publisher(),
         ]
 
-    def _overrides(self, executable: str) -> list[Parameters]:
-        """Quality of service in the parameter file, by the names of topics in the namespace."""
+    def _asked(self, *names: str) -> Parameters:
+        """Launch arguments that are parameters of the same name, as far as they were given.
+
+        What was not may be set in the user's parameter file.
+        """
+        return {name: self.value[name] for name in names if self.value[name]}
+
+    def _sources(self, executable: str, *parameters: Parameters) -> list[object]:
+        """Where the parameters of a node come from: files first; raises where two would differ."""
+        given = self.value["params_file"]
+        if given:
+            set_here = {name for part in parameters for name in part}
+            if twice := sorted(set_here & _of_node(given, executable).keys()):
+                raise NodeError(
+                    f"params_file:={given}: {', '.join(twice)} of {executable}: set by a launch "
+                    "argument or the vehicle file; take it out of one of them"
+                )
+        files = [self.config, *([given] if given else [])]
+        return [*files, *self._overrides(executable, files), *parameters]
+
+    def _overrides(self, executable: str, files: Iterable[str]) -> list[Parameters]:
+        """Quality of service in parameter files, by the names of topics in the namespace."""
         if not self.namespace:
             return []
-        nodes = parse_yaml(Path(self.config).read_bytes(), self.config, NodeError)
-        own = nodes.get(f"/**/{executable}", {}).get("ros__parameters", {})
         found: Parameters = {
             f"qos_overrides./{self.namespace}{topic}.{end}.{policy}": value
-            for topic, ends in own.get("qos_overrides", {}).items()
+            for file in files
+            for topic, ends in _of_node(file, executable).get("qos_overrides", {}).items()
             for end, policies in ends.items()
             for policy, value in policies.items()
         }
@@ -237,9 +258,10 @@ class VehicleNodes:
         name = "tricycle_bridge"
         own = bridge_parameters(self.value["vehicle_file"])
         own["payload"] = self.value["payload"]
+        own |= self._asked("bring_up_record")
         bridge = LifecycleNode(
             name=name,
-            parameters=[self.config, ports, own, {"autostart": False}],
+            parameters=self._sources(name, ports, own, {"autostart": False}),
             on_exit=_shut_down_after(name),
             **self._common(name, name),
         )
@@ -275,6 +297,19 @@ class VehicleNodes:
         file = self.value["vehicle_file"]
         model = tricycle_urdf(load_vehicle(Path(file) if file else None))
         return [self.node(name, name, {"robot_description": model})]
+
+
+def _of_node(file: str, executable: str) -> dict[str, Any]:
+    """Parameters that a file has for a node, whatever its namespace."""
+    try:
+        content = Path(file).read_bytes()
+    except OSError as error:  # launch itself would go on without the file
+        raise NodeError(f"parameter file {file}: {error.strerror}") from None
+    found: dict[str, Any] = {}
+    for name, entry in parse_yaml(content, file, NodeError).items():
+        if name.rpartition("/")[2] in (executable, "**"):
+            found |= (entry or {}).get("ros__parameters") or {}
+    return found
 
 
 def _shut_down_after(name: str) -> list[Action]:

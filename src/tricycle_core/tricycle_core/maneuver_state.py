@@ -50,6 +50,8 @@ class ManeuverState:
         Time since the start of the run, and length of the run [s].
     reason : str
         Why the run was aborted, or ended before its last command; otherwise empty.
+    commander : str
+        Name of the driver, as in its set-points; empty where it is not known.
     """
 
     state: PlaybackState
@@ -58,6 +60,7 @@ class ManeuverState:
     elapsed: float = 0.0
     duration: float = 0.0
     reason: str = ""
+    commander: str = ""
 
     def values(self) -> dict[str, str]:
         """Return the key-value pairs of the message."""
@@ -69,6 +72,7 @@ class ManeuverState:
             "elapsed": f"{self.elapsed:.3f}",
             "duration": f"{self.duration:.3f}",
             "reason": self.reason,
+            "commander": self.commander,
         }
 
     @classmethod
@@ -96,6 +100,7 @@ class ManeuverState:
             elapsed,
             duration,
             values.get("reason", ""),
+            values.get("commander", ""),
         )
 
 

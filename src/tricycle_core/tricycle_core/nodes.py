@@ -12,6 +12,7 @@ import logging
 import re
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from functools import partial
 from importlib.resources import files
@@ -49,6 +50,8 @@ RECORDED = QoSProfile(depth=1000)
 
 For 10 s at 100 Hz, or for a second of a simulation at ten times real time.
 """
+
+_ENDING = threading.Event()  # the process was told to end
 
 _MISTAKES = (
     ValueError,
@@ -226,6 +229,11 @@ def _told(mistake: Exception) -> str:
     return text
 
 
+def ending() -> bool:
+    """Return whether the process was told to end: what waits elsewhere than the executor asks."""
+    return _ENDING.is_set()
+
+
 def run_node(factory: Callable[[], Node]) -> None:
     """Construct a node, spin it until one of `ending_signals` arrives, and shut it down quietly.
 
@@ -244,11 +252,10 @@ def run_node(factory: Callable[[], Node]) -> None:
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_help(factory), end="")
         return
-    stopped = False
+    _ENDING.clear()
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
-        nonlocal stopped
-        stopped = True
+        _ENDING.set()
 
     # rclpy's own handlers sometimes print a traceback
     ends = ending_signals()
@@ -273,7 +280,7 @@ def run_node(factory: Callable[[], Node]) -> None:
             rclpy.logging.get_logger(name).fatal(_told(mistake))
             raise SystemExit(2) from None
         executor.add_node(node)
-        while not stopped:
+        while not _ENDING.is_set():
             executor.spin_once(timeout_sec=0.1)
     finally:
         if executor is not None:

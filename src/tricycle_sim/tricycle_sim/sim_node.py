@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import ExcitationError, LinkError, VehicleError
 from tricycle_core.frames import BASE_LINK, ODOM
-from tricycle_core.nodes import RECORDED, declare, overridable, run_node, time_message
+from tricycle_core.nodes import RECORDED, declare, ending, overridable, run_node, time_message
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.installed import plant_by_name
@@ -184,7 +184,7 @@ class TricycleSim(Node):
 
     def _end_with_simulation(self) -> None:
         """End the node where its simulation has failed: whoever started it then knows."""
-        if not self._thread.is_alive():
+        if not self._thread.is_alive() and not ending():
             self.get_logger().fatal(self._failure)
             raise SystemExit(1)
 

@@ -5,7 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways, status, velocities
+from driven_bags import (
+    START,
+    TYPES,
+    VEHICLE,
+    Scene,
+    SimulatedBag,
+    header,
+    imu,
+    pose_stamped,
+    sideways,
+    status,
+    velocities,
+)
 
 from parameter_identification.drives.measured import measured_drive, read_measured_drive
 from parameter_identification.drives.reader import read_drive
@@ -125,3 +137,46 @@ def test_wheels_may_come_in_messages_of_their_own_and_a_gyro_may_say_that_it_is_
     np.testing.assert_allclose([right.time, right.values], [[0.01, 0.03], [4.0, 8.0]])
     assert drive.imu is not None
     assert np.isnan(drive.imu.yaw_rate).all()
+
+
+def test_set_points_of_others_than_the_driver_do_not_count(tmp_path: Path) -> None:
+    """The bridge refused them; those of the driver may be recorded in another order."""
+    joints, first = ["steering_motor_joint", "rear_wheel_joint"], START - 10**9
+    nothing = np.zeros(0)
+
+    def played(tick: int, sender: str, angle: float) -> tuple[int, object]:
+        stamp = START + tick * 10**7
+        values = np.array([angle, 0.0]), np.array([0.0, 3.0]), nothing
+        return stamp, TYPES["sensor_msgs/msg/JointState"](header(stamp, sender), joints, *values)
+
+    def edit(messages: dict[str, list]) -> None:
+        point = TYPES["trajectory_msgs/msg/JointTrajectoryPoint"]
+        after = TYPES["builtin_interfaces/msg/Duration"]
+        points = [
+            point(np.zeros(2), np.array([0.0, 3.0]), nothing, nothing, after(sec=t, nanosec=0))
+            for t in (0, 8)
+        ]
+        kind = TYPES["trajectory_msgs/msg/JointTrajectory"]
+        messages["/maneuver/commands"] = [(first, kind(header(first, "p1"), joints, points))]
+        ticks = [1, 0, *range(2, 800)]
+        messages["/joint_commands"] = [
+            played(tick, sender, angle)
+            for tick in ticks
+            for sender, angle in (("/maneuver_driver", 0.1 * (tick < 200)), ("/teleop", 0.5))
+        ]
+        for at, (recorded, message) in enumerate(messages["/maneuver/state"]):
+            values = {pair.key: pair.value for pair in message.values}
+            told = status(
+                values.pop("state"),
+                values.pop("start_time"),
+                **values,
+                commander="/maneuver_driver",
+            )
+            messages["/maneuver/state"][at] = (recorded, told)
+
+    path = TYPES["nav_msgs/msg/Path"](header(first), [pose_stamped(2 * 10**9, 0.0, 0.0, 0.0)])
+    more = {"/maneuver/lead_in": ("nav_msgs/msg/Path", [(first, path)])}
+    drive = read_drive(Scene(edit=edit, more=more).write(tmp_path / "bag"))
+    assert drive.lead_in is not None
+    assert set(drive.lead_in.steering_motor_angle.tolist()) == {0.1}
+    assert np.all(np.diff(drive.lead_in.time) > 0.0)

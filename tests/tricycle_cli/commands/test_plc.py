@@ -46,7 +46,9 @@ def test_a_check_that_is_interrupted_ends_the_record_of_an_earlier_one(tmp_path,
         ports = [pair.steer_path, pair.drive_path]
         options = ["--engineer", "A. Test", "--record", str(record), "--boot-wait", "0"]
         assert main(["plc", "check", *ports, *options, "--overwrite"]) == 130
-    assert not read_record(record).complete
+    written = read_record(record)
+    assert not written.complete
+    assert written.settings["tyre_radius"] == pytest.approx(0.335)
 
 
 def test_statistics_of_a_board_that_was_lost_are_none(capsys, tmp_path):

@@ -92,6 +92,7 @@ def test_a_plant_that_cannot_be_made_is_one_line(bicycle):
     [
         ("swan", "unknown plant 'swan'; there are: own"),
         ("own:car.yaml", "the plant own takes no file"),
+        ("mujoco:car.yaml", "the plant mujoco takes no file, but car.yaml is given"),
     ],
 )
 def test_a_wrong_name_is_one_line(name, message):

@@ -99,6 +99,7 @@ class _StartEvent:
     ended: int  # ns, when that of the end was
     early: float | None  # s since the start, of an end before that of the commands
     whole: bool  # the end was recorded, too
+    commander: str  # frame id of the driver's set-points; empty: not told
 
 
 class _Collector:
@@ -158,10 +159,15 @@ class _Collector:
                 f"{self.bag}: the driven maneuver lasts {event.duration:.2f} s, its reference "
                 f"{reference.time[-1]:.2f} s: the reference of another maneuver"
             )
-        lead_in = self._led(latched[self.lead_in].values(), commands, every[self.played], start)
+        played = [  # those of others were refused
+            setpoint
+            for setpoint in every[self.played]
+            if event.commander in ("", setpoint.header.frame_id)
+        ]
+        lead_in = self._led(latched[self.lead_in].values(), commands, played, start)
         if commands is not None:
             open_loop = 0.0 if lead_in is None else lead_in.end
-            self._check_commands(commands, every[self.played], event, open_loop)
+            self._check_commands(commands, played, event, open_loop)
         if event.early is not None:
             reference = reference.part(reference.time <= event.early)
         return RecordedDrive(
@@ -257,7 +263,7 @@ class _Collector:
             if STEERING_JOINT in setpoint.name
             and 0.0 <= (elapsed := (stamp_of(setpoint) - start) * 1e-9) < end
         ]
-        time, angle = np.array(rows, dtype=np.float64).reshape(-1, 2).T
+        time, angle = np.array(sorted(rows), dtype=np.float64).reshape(-1, 2).T
         return SteeredLeadIn(end, time, angle)
 
     def _reference(self, messages: Iterable[Any], commands: Any) -> PlanarTrajectory:
@@ -317,7 +323,8 @@ class _Collector:
         whole = ended is not None
         if ended is None:
             ended = recorded + round(event.duration * 1e9)
-        return _StartEvent(start, event.plan_id, event.duration, recorded, ended, early, whole)
+        own = event.plan_id, event.duration
+        return _StartEvent(start, *own, recorded, ended, early, whole, event.commander)
 
     def _check_armed(
         self,

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from tricycle_bridge.protocol.messages import Board
+from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
 from tricycle_core.errors import LinkError
 
-_FORMAT = "tricycle bring-up 1"
+_FORMAT = "tricycle bring-up 2"
 _LARGEST = 1_000_000  # bytes
 _DAY = timedelta(days=1)
+# how often is commanded, and what is loaded today: nothing that a bring-up shows
+_PASSING = "command_rate", "standstill_rate", "payload"
+# what the boards may be set up for with less, but not with more
+_LIMITS = "max_steering_angle", "max_steering_rate", "max_speed", "max_acceleration"
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,8 @@ class BringUpRecord:
         Results of the steps in their order; the last one is the first that did not pass.
     complete : bool
         Whether every step was run and passed.
+    settings : dict of str to float
+        `BridgeSettings` of the vehicle that was brought up.
     format : str
         Name and version of the file format.
     digest : str
@@ -68,11 +76,16 @@ class BringUpRecord:
     drive_firmware: str
     steps: tuple[StepResult, ...]
     complete: bool
+    settings: dict[str, float] = field(default_factory=dict)
     format: str = _FORMAT
     digest: str = ""
 
     def problem(
-        self, firmware: Mapping[Board, str], now: datetime, max_age: timedelta
+        self,
+        firmware: Mapping[Board, str],
+        settings: BridgeSettings,
+        now: datetime,
+        max_age: timedelta,
     ) -> str | None:
         """Return why this record does not allow to arm; None if it does.
 
@@ -80,6 +93,8 @@ class BringUpRecord:
         ----------
         firmware : mapping of Board to str
             `firmware_build` of the boards that are connected.
+        settings : BridgeSettings
+            Of the vehicle that is to be armed.
         now : datetime
             Present time, with its time zone.
         max_age : timedelta
@@ -92,6 +107,14 @@ class BringUpRecord:
         for board, here in firmware.items():
             if then[board] != here:
                 return f"the bring-up was made with {board.plc_name} {then[board]}, not {here}"
+        for name, here_too in asdict(settings).items():
+            made = self.settings.get(name, math.nan)
+            lower = name in _LIMITS and here_too < made
+            if name not in _PASSING and not lower and not math.isclose(here_too, made):
+                return (
+                    f"the bring-up was made with {name} {made:g}, not {here_too:g}: "
+                    "`tricycle plc check --vehicle FILE` of this vehicle"
+                )
         age = now - datetime.fromisoformat(self.time)
         if age > max_age:
             days, most = age / _DAY, max_age / _DAY
@@ -140,7 +163,9 @@ def read_record(path: Path) -> BringUpRecord:
         raise LinkError(f"{path}: {error.strerror}; `tricycle plc check` writes it") from None
     record = decode(BringUpRecord, parse_json(content, str(path), LinkError), str(path), LinkError)
     if record.format != _FORMAT:
-        raise LinkError(f"{path}: format is {record.format!r}, must be {_FORMAT!r}")
+        raise LinkError(
+            f"{path}: format is {record.format!r}, must be {_FORMAT!r}: bring the vehicle up again"
+        )
     try:
         aware = datetime.fromisoformat(record.time).tzinfo is not None
     except ValueError:

@@ -53,6 +53,16 @@ class StartWatch:
         self._count: int | None = None
         self._speed = self._travel = 0.0  # m/s and m since the brake was released
 
+    def watching(self, now: float) -> bool:
+        """Whether an IMU measures, often enough.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        """
+        return 0.0 <= now - self._heard_at <= GAP
+
     def add_force(self, force: float, now: float) -> None:
         """Take a specific force of the IMU; one that is not finite is ignored.
 

@@ -190,6 +190,7 @@ def _check(args: argparse.Namespace) -> int:
                     drive_firmware=firmware[1],
                     steps=tuple(results),
                     complete=len(results) == len(STEPS) and all(r.passed for r in results),
+                    settings=dataclasses.asdict(settings),
                 ),
             )
             print(f"record: {args.record}", file=log)

@@ -27,11 +27,12 @@ from excitation_planner.vehicle_watch import MUST_STAND
 from trajectory_recorder.recording import LACKS
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.enough import Enough
-from tricycle_cli.operation.processes import interrupts_held
+from tricycle_cli.operation.processes import OF_VEHICLE, interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import NodeError
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
+from tricycle_core.namesakes import UNNAMED, namesakes
 from tricycle_core.nodes import LATCHED, ignore_impossible_times
 from tricycle_core.quantities import Progress
 
@@ -42,7 +43,6 @@ SILENCE_TIMEOUT = 20.0  # s without a word of nodes that have answered before
 LINK_TIMEOUT = 30.0  # s for both PLCs to be linked, refreshed and armed
 REFUSED = 0.5  # s until a start is tried again that came too soon
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
-UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 TOLD = 6.0  # s of wall time after which it says what it waits for
 LOOK_AROUND = 10.0  # s of wall time in which the nodes of a domain are found at the latest
 
@@ -296,6 +296,8 @@ class Operator(Closing):
                 tolerance=enough.tolerance,
             )
         self._hand_over(plan)
+        if not self._simulated:
+            self._refuse_doubled()
         if ask is not None:
             ask()
         if self._simulated:
@@ -428,6 +430,13 @@ class Operator(Closing):
         self._wait(taken, "maneuver_driver to take the plan")
         # what the middleware sends again may come seconds later: after the start
         self._wait(self._plans.received, "every subscriber of maneuver/* to take the plan")
+
+    def _refuse_doubled(self) -> None:
+        """Refuse to drive where a node of the vehicle runs twice: either may answer and act."""
+        space = self._node.get_namespace()
+        found = self._node.get_node_names_and_namespaces()
+        if doubled := namesakes(n for n, its in found if its == space and n in OF_VEHICLE):
+            raise NodeError(f"ROS domain {self._domain}: {doubled}")
 
     def _check_start(self, *, back: bool) -> None:
         """Refuse what the driver would refuse, before there is a bag of it."""

@@ -19,6 +19,9 @@ from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
 from tricycle_core.start import ending_signals, ending_with_parent
 
+OF_VEHICLE = "tricycle_bridge", "tricycle_sim", "maneuver_driver", "trajectory_recorder"
+"""Nodes of which a domain has one each."""
+
 DOMAINS = 100  # that are used
 LAST_PORT = 65535
 LAST_DOMAIN = 232  # the ports of the next one are beyond that

@@ -26,6 +26,7 @@ from tricycle_cli.console import plain_console
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import (
+    OF_VEHICLE,
     NodeProcesses,
     asked_domain,
     free_domain,
@@ -48,9 +49,6 @@ class DrivePlan(Protocol):
     ) -> None:
         """Drive; the progress is in ms."""
 
-
-OF_VEHICLE = "tricycle_bridge", "tricycle_sim", "maneuver_driver", "trajectory_recorder"
-"""Nodes of which a domain has one each."""
 
 IDLE_PACE = 1.0
 """Real-time factor between the drives: what plans and identifies meanwhile needs the processor."""

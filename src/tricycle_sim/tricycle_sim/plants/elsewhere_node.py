@@ -10,9 +10,10 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from tricycle_core.errors import PlantError
+from tricycle_core.frames import BASE_LINK, of_frame
 from tricycle_core.joints import JOINTS
-from tricycle_core.nodes import time_message
-from tricycle_core.rotations import yaw_angle
+from tricycle_core.nodes import ending, time_message
+from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.actuators import Motor, SteeringServo
 from tricycle_sim.plants.plant import PlanarMotion, Pose, planar_state
@@ -109,6 +110,8 @@ class ElsewherePlant:
         self._publisher.publish(message)
         begin = sent = time.monotonic()
         while self._odom is None or self._odom.header.stamp != message.header.stamp:
+            if ending():  # in the constructor, a service or the simulation's thread
+                raise SystemExit(0)
             now = time.monotonic()
             if now - begin > PATIENCE:
                 raise PlantError(
@@ -119,6 +122,7 @@ class ElsewherePlant:
                 self._publisher.publish(message)
                 sent = now
             self._executor.spin_once(timeout_sec=REPEAT)
+        _check(self._odom)
         return self._odom
 
     def _on_odom(self, message: Odometry) -> None:
@@ -152,6 +156,21 @@ class ElsewherePlant:
         )
 
 
+def _check(odom: Odometry) -> None:
+    """Refuse a pose that is not that of the vehicle's centre of mass, or none."""
+    if not of_frame(odom.child_frame_id, BASE_LINK):
+        raise PlantError(
+            f"{ODOM}: child_frame_id is {odom.child_frame_id}, must be {BASE_LINK}: pose and "
+            "motion of the centre of mass"
+        )
+    q = odom.pose.pose.orientation
+    if not is_unit(q):
+        raise PlantError(
+            f"{ODOM}: orientation {q.w:g}, {q.x:g}, {q.y:g}, {q.z:g} (w, x, y, z) is no unit "
+            "quaternion"
+        )
+
+
 def _pose(odom: Odometry) -> Pose:
-    position, q = odom.pose.pose.position, odom.pose.pose.orientation
-    return position.x, position.y, float(yaw_angle((q.w, q.x, q.y, q.z)))
+    position = odom.pose.pose.position
+    return position.x, position.y, yaw_of(odom.pose.pose.orientation)

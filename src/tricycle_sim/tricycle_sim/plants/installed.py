@@ -1,7 +1,9 @@
 """The plants of all installed distributions, by name."""
 
 from importlib.metadata import entry_points
+from inspect import signature
 from pathlib import Path
+from typing import Any
 
 from tricycle_core.errors import ExcitationError, PlantError, hint, message_of
 from tricycle_sim.plants import OWN
@@ -67,7 +69,9 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     ((value, point),) = points.items()
     more = (Path(file),) if file else ()
     try:
-        plant: Plant = point.load()(vehicle, seed, *more)
+        make = point.load()
+        _check_call(name, make, vehicle, seed, *more)
+        plant: Plant = make(vehicle, seed, *more)
     except ExcitationError:
         raise
     except OSError as error:  # of its file
@@ -75,3 +79,16 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     except Exception as error:  # whatever an installed package may raise
         raise PlantError(f"plant {name!r} cannot be made of {value}: {error!r}") from error
     return plant
+
+
+def _check_call(name: str, make: Any, *arguments: object) -> None:
+    """Refuse a file for a plant that takes none."""
+    try:
+        signature(make).bind(*arguments)
+    except TypeError:
+        *_, last = arguments
+        if not isinstance(last, Path):
+            raise
+        raise PlantError(f"the plant {name} takes no file, but {last} is given") from None
+    except ValueError:  # it does not tell what it takes
+        return
