@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from excitation_planner.design.prior import PRIOR_INFORMATION
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.kept import beginning_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.arrow import Arrow
@@ -311,10 +311,12 @@ def course(found: ManyDrives, parameter: str) -> Course:
     information[:, i, i] = np.maximum(information[:, i, i], 1e-300)
     # every group has its own value; the others are off by the same in all groups
     rest = np.flatnonzero(np.arange(c) != i)
-    prior = np.append(np.full(k, PRIOR_INFORMATION), np.ones(c - k))[rest]
-    mean = np.append(np.full(k, 0.5), np.zeros(c - k))[rest]
-    pull = prior * (at.mean(axis=0)[rest] - mean)
-    arrow = Arrow(information, gradient, rest, np.diag(prior), pull)
+    prior, before = np.eye(c), BoxPrior.uniform(k)
+    prior[:k, :k] = before.information
+    prior = prior[np.ix_(rest, rest)]
+    mean = np.append(before.mean, np.zeros(c - k))[rest]
+    pull = prior @ (at.mean(axis=0)[rest] - mean)
+    arrow = Arrow(information, gradient, rest, prior, pull)
     free = np.full_like(at, np.inf)
     values = (at + arrow.step(-free, free))[:, i]
     of_rest, alone, follow = arrow.covariances()

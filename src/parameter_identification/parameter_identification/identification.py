@@ -46,7 +46,7 @@ from parameter_identification.estimation.optimum import (
     rough_minima,
     steps_to_optimum,
 )
-from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import ProfileCurve, profile
 from parameter_identification.estimation.results import (
@@ -179,11 +179,13 @@ def identify(
     unneeded = {name for one in measured for name in OF_INPUT[one]}
     beside = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)
 
+    before = box_prior(known, prior)
+
     def problem_with(chosen: Sequence[Effect]) -> LeastSquares:
         models = [
             DriveModel(known, drive, chosen, simulator, measured=measured) for drive in drives
         ]
-        return LeastSquares(models, *prior_in_ranges(known, prior), loss)
+        return LeastSquares(models, before.mean, before.information, loss)
 
     # for small matrices more threads only cost
     with threadpool_limits(1, user_api="blas"), problem_with(beside) as problem:

@@ -21,6 +21,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.noise import STANDSTILL, MeasurementNoise
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan
 from excitation_planner.planning.prediction import predicted_progress
 from parameter_identification.drives.measured import (
@@ -36,7 +37,7 @@ from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import ROUGH, settled
-from parameter_identification.estimation.prior import GaussianPrior, box_prior, prior_in_ranges
+from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, with_deviation
@@ -223,7 +224,7 @@ class _Drive:
     commands: Commands
     start: int  # ns
     planned: Planned | None
-    prior: tuple[FloatArray, FloatArray]  # mean and information in ranges
+    prior: BoxPrior
     z: FloatArray | None = None  # parameters in their ranges
     nuisances: dict[str, float] = field(default_factory=dict)  # in their units
     noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
@@ -334,7 +335,7 @@ class LiveIdentification:
         lead_in : float
             Time until which what is played steers, in place of the commands [s].
         """
-        known = prior_in_ranges(self._vehicle, prior)
+        known = box_prior(self._vehicle, prior)
         self._drive = _Drive(commands, start, planned, known, lead_in=lead_in)
 
     def play(self, stamp: int, angle: float) -> None:
@@ -507,7 +508,9 @@ class LiveIdentification:
         model = DriveModel(self._vehicle, measured)
         with (
             threadpool_limits(1, user_api="blas"),
-            LeastSquares([model], *drive.prior, Loss.SQUARED) as problem,
+            LeastSquares(
+                [model], drive.prior.mean, drive.prior.information, Loss.SQUARED
+            ) as problem,
         ):
             problem.noise |= {s: level for s, level in drive.noise.items() if s in signals}
             fit = problem.minimise(drive.variables(problem), tolerance=ROUGH)

@@ -22,14 +22,14 @@ from typing import Self
 
 import numpy as np
 
-from excitation_planner.design.prior import SHOWN
+from excitation_planner.design.prior import SHOWN, BoxPrior
 from parameter_identification.drives.kept import beginning_of, load_kept, measured_in
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.doubt import CONTRADICTING, with_prior_variance
 from parameter_identification.estimation.intervals import interval
 from parameter_identification.estimation.mixture import Mixture, mixture_of
-from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import at_bounds
 from parameter_identification.estimation.results import (
     EffectEstimate,
@@ -250,21 +250,21 @@ def begin(
     progress : callable, optional
         Called with the number of vehicles done and in all.
     """
-    mean, information = prior_in_ranges(vehicle, prior)
-    jobs = [(own, vehicle, tuple(effects), (mean, information), seed) for own in files]
+    before = box_prior(vehicle, prior)
+    jobs = [(own, vehicle, tuple(effects), before, seed) for own in files]
     found = []
     for own, (setting, at) in zip(files, each(executor, _begin, jobs), strict=True):
-        shared, k, names = setting.shared, len(mean), list(vehicle.unknown)
+        shared, k, names = setting.shared, len(before.mean), list(vehicle.unknown)
         rates = tuple(names.index(name) for name in changing)
         precisions = np.append(np.ones(len(shared)), np.full(len(rates), RATE**-2))
         n = k + len(precisions)
         whole = np.diag(np.append(np.zeros(k), precisions))
-        whole[:k, :k] = information
+        whole[:k, :k] = before.information
         free = np.full(len(rates), np.inf)
         variables = Variables(
             np.concatenate([np.zeros(k), [e.low / e.std for e in shared], -free]),
             np.concatenate([np.ones(k), [e.high / e.std for e in shared], free]),
-            np.append(mean, np.zeros(n - k)),
+            np.append(before.mean, np.zeros(n - k)),
             whole,
             rates,
         )
@@ -280,7 +280,7 @@ def begin(
 
 
 def _begin(
-    job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], tuple[FloatArray, FloatArray], int],
+    job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], BoxPrior, int],
 ) -> tuple[Setting, FloatArray]:
     """The best fit of a few drives, among them one with each sensor, and the sensors' noise."""
     files, vehicle, effects, prior, seed = job

@@ -220,7 +220,7 @@ class Joint:
         """
         vehicle = self.fits[0].setting.vehicle
         names = list(vehicle.unknown)
-        before = 1.0 / np.sqrt(np.diag(self.fits[0].variables.information))
+        before = self.fits[0].variables.prior_std
         found = {}
         stds = np.sqrt(np.diag(self.of_common)).tolist()
         for i, std, beyond in zip(self.common.tolist(), stds, self.beyond.tolist(), strict=True):
@@ -266,7 +266,7 @@ class Joint:
         root = np.linalg.cholesky(self.of_common)
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
-            narrowed = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
+            narrowed = whole[0, 0] ** -0.5 <= SHOWN * variables.prior_std[at[0]]
             growth, _ = growth_of(fit, level)
             shown.append(bool(narrowed and not self.pulled(i, level)))
             with_prior = np.linalg.inv(self.alone[i][np.ix_(places, places)])

@@ -56,6 +56,11 @@ class Variables:
         """Number c of variables that a drive has in common with the others."""
         return len(self.mean) - len(self.changing)
 
+    @property
+    def prior_std(self) -> FloatArray:
+        """Marginal standard deviations (n,) of the prior."""
+        return np.sqrt(np.diag(np.linalg.inv(self.information)))
+
     def of_drive(self, since: float) -> FloatArray:
         """Return the matrix (c, n) that gives the common variables of a drive.
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, driven_pair, shares
 
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import find_optimum, steps_to_optimum
-from parameter_identification.estimation.prior import prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import profile
 from parameter_identification.estimation.validation import (
@@ -19,6 +19,8 @@ from parameter_identification.estimation.validation import (
     whiteness_of_residuals,
 )
 from tricycle_sim.effects import effects_of
+
+PRIOR = BoxPrior.uniform(len(NAMES))
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +31,7 @@ def pair():
 @pytest.fixture(scope="module")
 def problem(pair):
     models = [DriveModel(VEHICLE, drive) for drive in pair]
-    with LeastSquares(models, *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as problem:
+    with LeastSquares(models, PRIOR.mean, PRIOR.information, Loss.SQUARED) as problem:
         yield problem
 
 
@@ -107,7 +109,7 @@ def test_a_drive_left_out_leaves_what_the_others_find_alone(problem, optimum):
     for drive, (found, covariance, own_cost) in enumerate(problem.by_the_others(v, free)):
         left, shared = 1 - drive, slice(problem.k)
         with LeastSquares(
-            [problem.models[left]], *prior_in_ranges(VEHICLE, None), Loss.SQUARED
+            [problem.models[left]], PRIOR.mean, PRIOR.information, Loss.SQUARED
         ) as one:
             one.noise = problem.noise
             at = np.append(np.arange(problem.k), problem.nuisances_at(left))
@@ -157,5 +159,5 @@ def test_an_effect_of_all_drives_is_what_each_of_them_allows(pair, first):
     )
     effects = effects_of(VEHICLE, ["servo-dead-time"])
     models = [DriveModel(VEHICLE, drive, effects) for drive in drives]
-    with LeastSquares(models, *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as both:
+    with LeastSquares(models, PRIOR.mean, PRIOR.information, Loss.SQUARED) as both:
         assert both.low[both.k] == 0.0

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
 from parameter_identification.estimation.model import DriveModel
@@ -107,7 +108,7 @@ def first_fit(
     drives: Sequence[MeasuredDrive],
     vehicle: Vehicle,
     effects: Sequence[Effect],
-    prior: tuple[FloatArray, FloatArray],
+    prior: BoxPrior,
     seed: int,
 ) -> tuple[Setting, FloatArray]:
     """Return noise and common variables (c,) of the best fit of a few drives together.
@@ -120,21 +121,21 @@ def first_fit(
         Known constants and ranges.
     effects : sequence of Effect
         Estimated beside the parameters.
-    prior : (ndarray of float, ndarray of float), shapes (k,) and (k, k)
-        Mean and information of the parameters, in their ranges.
+    prior : BoxPrior
+        Of the parameters, in their ranges.
     seed : int
         Of the starts.
     """
-    near = None
+    near, known = None, (prior.mean, prior.information)
     with threadpool_limits(1, user_api="blas"):
         measured = measured_inputs(drives, vehicle, Inputs.EITHER)
         if effects:  # without them a search takes a tenth of the time
             models = [DriveModel(vehicle, drive, measured=measured) for drive in drives]
-            with LeastSquares(models, *prior, Loss.SQUARED) as without:
+            with LeastSquares(models, *known, Loss.SQUARED) as without:
                 first = find_optimum(without, starts=4, seed=seed, level=0.95)
             near = [first.fit.at[: without.k], *first.rivals]
         models = [DriveModel(vehicle, drive, effects, measured=measured) for drive in drives]
-        with LeastSquares(models, *prior, Loss.SQUARED) as problem:
+        with LeastSquares(models, *known, Loss.SQUARED) as problem:
             best = find_optimum(problem, starts=4, seed=seed, level=0.95, near=near)
             common = problem.k + models[0].shared
             noise, sizes = dict(problem.noise), problem.sizes()
