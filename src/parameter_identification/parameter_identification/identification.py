@@ -23,7 +23,7 @@ range is not shown; where the model is wrong for the vehicle, neither is one at 
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,16 +32,15 @@ from threadpoolctl import threadpool_limits
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.estimation.bootstrap import REPEATS, Redraw, bootstrap_deviations
 from parameter_identification.estimation.checks import check_drives
-from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
+from parameter_identification.estimation.doubt import SCATTER, doubt_of
+from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
-from parameter_identification.estimation.intervals import interval
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.motion_model import OF_INPUT
 from parameter_identification.estimation.motions import Simulator
-from parameter_identification.estimation.observability import hidden_combinations, identifiable
+from parameter_identification.estimation.observability import hidden_combinations
 from parameter_identification.estimation.optimum import (
-    Optimum,
     find_optimum,
     rough_minima,
     steps_to_optimum,
@@ -59,7 +58,6 @@ from parameter_identification.estimation.results import (
     NuisanceEstimate,
     Profile,
     common_truth,
-    estimate_of,
 )
 from parameter_identification.estimation.steps import Steps
 from parameter_identification.estimation.unknown import restrict
@@ -232,13 +230,24 @@ def identify(
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
         step.pass_to(to_end)
-        model = problem.models[0]
+        k, model = problem.k, problem.models[0]
+        estimates = estimates_of(
+            vehicle=known,
+            at=optimum.fit.at[:k],
+            std=np.sqrt(np.diag(optimum.covariance))[:k],
+            prior_std=before.std,
+            level=level,
+            beyond=doubt.beyond,
+            widening=doubt.widening,
+            average=average,
+            curves=curves,
+            rivals=optimum.rivals,
+        )
         return Identification(
             vehicle=vehicle.name,
             vehicle_hash=vehicle.fingerprint,
-            parameters=_estimates(problem, optimum, curves, level, average, doubt),
-            covariance=optimum.covariance[: problem.k, : problem.k]
-            * np.outer(model.width, model.width),
+            parameters=estimates,
+            covariance=optimum.covariance[:k, :k] * np.outer(model.width, model.width),
             fixed={n: v for n, v in vehicle.nominal.items() if n not in known.unknown},
             hidden=hidden_combinations(problem, optimum),
             noise=problem.noise,
@@ -262,28 +271,3 @@ def identify(
                 m.motion.friction_used(optimum.fit.at[: problem.k]) for m in problem.models
             ),
         ).only(asked.unknown)
-
-
-def _estimates(
-    problem: LeastSquares,
-    optimum: Optimum,
-    curves: Mapping[int, ProfileCurve],
-    level: float,
-    average: Mixture | None,
-    doubt: Doubt,
-) -> dict[str, Estimate]:
-    vehicle = problem.models[0].vehicle
-    std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
-    shown = identifiable(problem, optimum)
-    found = {}
-    for i, name in enumerate(vehicle.unknown):
-        z, own = float(optimum.fit.at[i]), float(std[i])
-        beyond, widening = bool(doubt.beyond[i]), float(doubt.widening[i])
-        found[name] = estimate_of(
-            *(vehicle, name, z, own),
-            interval(i, z, own, level, beyond=beyond, average=average, widening=widening),
-            shown=bool(shown[i]),
-            curve=curves.get(i),
-            rivals=[float(rival[i]) for rival in optimum.rivals],
-        )
-    return found

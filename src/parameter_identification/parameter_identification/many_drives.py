@@ -13,7 +13,6 @@ scatter more than their noise explains, the deviations are therefore those of th
 are counted.
 """
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -22,12 +21,12 @@ from typing import Self
 
 import numpy as np
 
-from excitation_planner.design.prior import SHOWN, BoxPrior
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.kept import beginning_of, load_kept, measured_in
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.doubt import CONTRADICTING, with_prior_variance
-from parameter_identification.estimation.intervals import interval
+from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.mixture import Mixture, mixture_of
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import at_bounds
@@ -36,7 +35,6 @@ from parameter_identification.estimation.results import (
     Estimate,
     asked_for,
     common_truth,
-    estimate_of,
 )
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit
 from parameter_identification.estimation.weighing import CERTAIN
@@ -381,17 +379,10 @@ def result_of(
     by_noise = np.sqrt(np.diag(covariance))
     covariance = with_prior_variance(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))
-    estimates = {}
-    for i, name in enumerate(vehicle.unknown):
-        z, own, widening = float(at[i]), float(std[i]), float(std[i] / by_noise[i])
-        ends = interval(
-            *(i, z, own, level),
-            beyond=bool(beyond[i]),
-            average=mixture,
-            widening=widening,
-        )
-        shown = own <= SHOWN * math.sqrt(before[i, i])
-        estimates[name] = estimate_of(vehicle, name, z, own, ends, shown=shown)
+    estimates = estimates_of(
+        vehicle, at[:k], std[:k], fit.variables.prior_std[:k], level,
+        beyond=beyond, widening=std[:k] / by_noise[:k], average=mixture,
+    )  # fmt: skip
     acts = [None] * len(setting.shared) if average is None else average.acts
     effects = [
         EffectEstimate(e.name, e.unit, e.std * float(v), e.std * float(s), e.std, acts=known)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.doubt import (
     SCATTER,
@@ -18,9 +17,10 @@ from parameter_identification.estimation.doubt import (
     scatter_factors,
     with_prior_variance,
 )
-from parameter_identification.estimation.intervals import half_width, interval
+from parameter_identification.estimation.estimates import estimates_of, identifiable
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.population import Population, population
-from parameter_identification.estimation.results import Estimate, estimate_of
+from parameter_identification.estimation.results import Estimate
 from parameter_identification.vehicle_fit import (
     PASSES,
     TOLERANCE,
@@ -219,16 +219,15 @@ class Joint:
             Probability of the intervals.
         """
         vehicle = self.fits[0].setting.vehicle
-        names = list(vehicle.unknown)
-        before = self.fits[0].variables.prior_std
-        found = {}
-        stds = np.sqrt(np.diag(self.of_common)).tolist()
-        for i, std, beyond in zip(self.common.tolist(), stds, self.beyond.tolist(), strict=True):
-            z = float(self.at[0, i])
-            ends = interval(i, z, std, level, beyond=beyond)
-            shown = std <= SHOWN * before[i]
-            found[names[i]] = estimate_of(vehicle, names[i], z, std, ends, shown=shown)
-        return found
+        return estimates_of(
+            vehicle,
+            self.at[0, self.common],
+            np.sqrt(np.diag(self.of_common)),
+            self.fits[0].variables.prior_std[self.common],
+            level,
+            beyond=self.beyond,
+            names=[list(vehicle.unknown)[i] for i in self.common],
+        )
 
     def pulled(self, i: int, level: float) -> tuple[str, ...]:
         """Return which of its own parameters the drives of a vehicle pull beyond their ranges.
@@ -266,7 +265,7 @@ class Joint:
         root = np.linalg.cholesky(self.of_common)
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
-            narrowed = whole[0, 0] ** -0.5 <= SHOWN * variables.prior_std[at[0]]
+            narrowed = identifiable(whole[0, 0] ** -0.5, variables.prior_std[at[0]])
             growth, _ = growth_of(fit, level)
             shown.append(bool(narrowed and not self.pulled(i, level)))
             with_prior = np.linalg.inv(self.alone[i][np.ix_(places, places)])
