@@ -121,9 +121,9 @@ def telling(drives, *, deviation=0.01):
     fits = []
     for values in drives:
         slopes = np.array([[told * (at[0] - value), 0.0] for value in values])
-        pull = variables.information @ (at - variables.mean)
+        prior_gradient = variables.information @ (at - variables.mean)
         information = variables.information + np.diag([told * len(values), 0.0])
-        there = Sum(at, 0.0, pull + slopes.sum(axis=0), information, slopes, ())
+        there = Sum(at, 0.0, prior_gradient + slopes.sum(axis=0), information, slopes, ())
         fits.append(VehicleFit([], None, variables, np.zeros(len(values)), at.copy(), there))
     return Together(fits, [0])
 

@@ -315,8 +315,8 @@ def course(found: ManyDrives, parameter: str) -> Course:
     prior[:k, :k] = before.information
     prior = prior[np.ix_(rest, rest)]
     mean = np.append(before.mean, np.zeros(c - k))[rest]
-    pull = prior @ (at.mean(axis=0)[rest] - mean)
-    arrow = Arrow(information, gradient, rest, prior, pull)
+    prior_gradient = prior @ (at.mean(axis=0)[rest] - mean)
+    arrow = Arrow(information, gradient, rest, prior, prior_gradient)
     free = np.full_like(at, np.inf)
     values = (at + arrow.step(-free, free))[:, i]
     of_rest, alone, follow = arrow.covariances()

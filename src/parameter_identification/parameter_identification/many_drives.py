@@ -312,7 +312,7 @@ def _weigh(fit: VehicleFit) -> _Average:
     effects = range(first, first + len(fit.setting.shared))
     mixture = mixture_of(
         here.information,
-        here.pull,
+        here.rhs,
         [[i] for i in effects],
         [effect.chance for effect in fit.setting.shared],
         {i: variables.low[i] for i in effects if variables.low[i] > -CERTAIN},

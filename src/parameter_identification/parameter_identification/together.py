@@ -271,8 +271,8 @@ class Joint:
             with_prior = np.linalg.inv(self.alone[i][np.ix_(places, places)])
             covariance = np.linalg.inv(with_prior - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]
-            pull = with_prior @ self.at[i, at] - prior * variables.mean[list(at)]
-            estimates.append(covariance @ pull)
+            rhs = with_prior @ self.at[i, at] - prior * variables.mean[list(at)]
+            estimates.append(covariance @ rhs)
             covariances.append(covariance * np.outer(factors, factors))
             together.append(covariance @ with_prior @ self.follow[i][places] @ root)
         own, of_own, common = (np.array(v)[shown] for v in (estimates, covariances, together))

@@ -238,13 +238,13 @@ def _summed(
 ) -> Sum:
     """The sum in the order of the drives, so that it is the same on every executor."""
     off = point - variables.mean
-    pull = variables.information @ off
+    prior_gradient = variables.information @ off
     slopes = np.array([d.T @ s.gradient for d, s in zip(of_drives, shares, strict=True)])
     information = variables.information + sum(
         d.T @ s.information @ d for d, s in zip(of_drives, shares, strict=True)
     )
-    cost = float(off @ pull) + sum(share.cost for share in shares)
-    return Sum(point, cost, pull + slopes.sum(axis=0), information, slopes, tuple(shares))
+    cost = float(off @ prior_gradient) + sum(share.cost for share in shares)
+    return Sum(point, cost, prior_gradient + slopes.sum(axis=0), information, slopes, tuple(shares))
 
 
 def descend(

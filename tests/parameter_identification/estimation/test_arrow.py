@@ -31,7 +31,7 @@ def places(group):
 def dense(of):
     size = 2 + 2 * V
     information, gradient = np.zeros((size, size)), np.zeros(size)
-    information[:2, :2], gradient[:2] = of.prior, of.pull
+    information[:2, :2], gradient[:2] = of.prior_information, of.prior_gradient
     for group in range(V):
         at = places(group)
         information[np.ix_(at, at)] += of.information[group]

@@ -26,17 +26,17 @@ class Arrow:
         Of each group.
     common : ndarray of int, shape (s,)
         Which of the n variables are the same in all groups.
-    prior : ndarray of float, shape (s, s)
+    prior_information : ndarray of float, shape (s, s)
         Information of the common ones beside the groups.
-    pull : ndarray of float, shape (s,)
+    prior_gradient : ndarray of float, shape (s,)
         Gradient of the common ones beside the groups.
     """
 
     information: FloatArray
     gradient: FloatArray
     common: NDArray[np.int64]
-    prior: FloatArray
-    pull: FloatArray
+    prior_information: FloatArray
+    prior_gradient: FloatArray
 
     @property
     def own(self) -> NDArray[np.int64]:
@@ -50,9 +50,11 @@ class Arrow:
         across = self.information[:, own[:, None], common]
         both = np.concatenate([across, self.gradient[:, own, None]], axis=2)
         solved = np.linalg.solve(alone, both)
-        information = self.information[:, common[:, None], common].sum(axis=0) + self.prior
+        information = (
+            self.information[:, common[:, None], common].sum(axis=0) + self.prior_information
+        )
         information = information - np.einsum("vms,vmt->st", across, solved[:, :, :-1])
-        gradient = self.gradient[:, common].sum(axis=0) + self.pull
+        gradient = self.gradient[:, common].sum(axis=0) + self.prior_gradient
         gradient = gradient - np.einsum("vms,vm->s", across, solved[:, :, -1])
         return information, gradient, -solved[:, :, :-1]
 
@@ -104,7 +106,9 @@ class Arrow:
         shared = step[0, self.common]
         lowers = np.einsum("vi,vi->", step, 2.0 * self.gradient)
         lowers += np.einsum("vi,vij,vj->", step, self.information, step)
-        return -float(lowers + shared @ (2.0 * self.pull + self.prior @ shared))
+        return -float(
+            lowers + shared @ (2.0 * self.prior_gradient + self.prior_information @ shared)
+        )
 
     def _holding(self, held: NDArray[np.bool_], at: FloatArray) -> FloatArray:
         """The step (v, n) where some variables make the steps that they have."""
@@ -114,13 +118,13 @@ class Arrow:
         kept = free[:, :, None] & free[:, None, :]
         fixed_common = held[0, self.common]
         free_common = ~fixed_common
-        pull = self.pull + self.prior @ known[0, self.common]
+        prior_gradient = self.prior_gradient + self.prior_information @ known[0, self.common]
         reduced = Arrow(
             np.where(kept, self.information, 0.0) + held[:, :, None] * np.eye(held.shape[1]),
             np.where(free, gradient, 0.0),
             self.common,
-            np.where(np.outer(free_common, free_common), self.prior, 0.0),
-            np.where(free_common, pull, 0.0),
+            np.where(np.outer(free_common, free_common), self.prior_information, 0.0),
+            np.where(free_common, prior_gradient, 0.0),
         )
         information, slope, follow = reduced._eliminated()
         own, common = self.own, self.common
