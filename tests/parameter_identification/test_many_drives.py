@@ -25,10 +25,10 @@ from parameter_identification.drives.measured import Input, Sensor, read_measure
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
-from parameter_identification.estimation.shares import Setting
+from parameter_identification.estimation.shares import FitSetting
 from parameter_identification.identification import identify
 from parameter_identification.many_drives import identify_many
-from parameter_identification.vehicle_fit import VehicleFit, drop_untold
+from parameter_identification.vehicle_fit import VehicleFit, drop_without_inputs
 from parameter_identification.workers import each
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
@@ -268,14 +268,14 @@ def test_a_drive_without_what_moves_as_measured_is_named_by_its_bag_or_left_out(
     for i, bag in enumerate(bags[:3]):
         keep(dataclasses.replace(drive, signals=silent) if i == 1 else drive, tmp_path / bag.name)
     files = {bag: tmp_path / bag.name for bag in bags[:3]}
-    setting = Setting(VEHICLE, (), {}, {}, frozenset({Input.SPEED}))
+    setting = FitSetting(VEHICLE, (), {}, {}, frozenset({Input.SPEED}))
     fit = VehicleFit(list(files.values()), setting, None, np.arange(3.0), TRUTH)
     monkeypatch.setattr(many_drives, "read_bags", lambda *_, **__: (files, []))
     monkeypatch.setattr(many_drives, "begin", lambda *_: [dataclasses.replace(fit)])
     reason = f"{bags[1]}: does not tell throughout the speed"
     with pytest.raises(IdentificationError, match=re.escape(reason)):
         identify_many(bags, VEHICLE, folder=tmp_path)
-    (left_out,) = drop_untold([fit], files, None, leave_out=True)
+    (left_out,) = drop_without_inputs([fit], files, None, leave_out=True)
     assert left_out.startswith(reason)
     assert fit.files == [files[bags[0]], files[bags[2]]]
     assert fit.since.tolist() == [0.0, 2.0]

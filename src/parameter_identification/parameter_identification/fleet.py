@@ -24,10 +24,10 @@ from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
+from parameter_identification.fleet_fit import FleetFit
 from parameter_identification.many_bags import read_bags, some_of
 from parameter_identification.many_drives import ManyDrives, begin, result_of
-from parameter_identification.together import Together
-from parameter_identification.vehicle_fit import descend, drop_untold
+from parameter_identification.vehicle_fit import descend, drop_without_inputs
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.effects import effects_of
@@ -212,18 +212,20 @@ def identify_fleet(
         since=lambda time: (time - when) / unit,
         progress=lambda done, count: tell(steps - count + done),
     )
-    left_out += drop_untold(fits, known, executor, leave_out=leave_out)
+    left_out += drop_without_inputs(fits, known, executor, leave_out=leave_out)
     descend(fits, executor, list(files))
     names = list(vehicle.unknown)
-    together = Together(fits, sorted(names.index(name) for name in shared))
-    together.descend(executor)
-    found = together.result(level)
-    alike = found.shared(level)
+    fleet = FleetFit(fits, sorted(names.index(name) for name in shared))
+    fleet.descend(executor)
+    posterior = fleet.posterior(level)
+    alike = posterior.shared(level)
     vehicles = {}
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
-        one = result_of(fit, known, (), level, seed, covariance=found.covariance(i))
+        one = result_of(fit, known, (), level, seed, covariance=posterior.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
-    beyond = {name: pulled for i, name in enumerate(files) if (pulled := found.pulled(i, level))}
+    beyond = {
+        name: pulled for i, name in enumerate(files) if (pulled := posterior.pulled(i, level))
+    }
     populations, changes = {}, {}
     for i, parameter in enumerate(names):
         if parameter in shared or parameter in own:
@@ -232,7 +234,7 @@ def identify_fleet(
         at = [i]
         if parameter in changing:
             at.append(fits[0].variables.common + list(changing).index(parameter))
-        parts = found.without_prior(at, level)
+        parts = posterior.without_prior(at, level)
         showing = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
         if len(showing) < FEWEST:
             continue
@@ -319,8 +321,9 @@ def course(found: ManyDrives, parameter: str) -> Course:
     arrow = Arrow(information, gradient, rest, prior, prior_gradient)
     free = np.full_like(at, np.inf)
     values = (at + arrow.step(-free, free))[:, i]
-    of_rest, alone, follow = arrow.covariances()
-    variances = alone[:, 0, 0] + np.einsum("gi,ij,gj->g", follow[:, 0], of_rest, follow[:, 0])
+    of_rest, own, sensitivity = arrow.covariances()
+    sensitivity = sensitivity[:, 0]
+    variances = own[:, 0, 0] + np.einsum("gi,ij,gj->g", sensitivity, of_rest, sensitivity)
     return Course(
         np.array([np.mean([shares[d].began for d in g]) for g in groups]),
         low + (high - low) * values,

@@ -32,9 +32,9 @@ from threadpoolctl import threadpool_limits
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.estimation.bootstrap import REPEATS, Redraw, bootstrap_deviations
 from parameter_identification.estimation.checks import check_drives
-from parameter_identification.estimation.doubt import SCATTER, doubt_of
 from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
+from parameter_identification.estimation.interval_correction import SCATTER, interval_correction
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.motion_model import OF_INPUT
@@ -217,15 +217,15 @@ def identify(
             cross = predict_each_other(problem, optimum, predictions)
             missed = cross.missed
             missing = cross.estimates if missed and len(drives) < SCATTER else None
-        doubt = doubt_of(
+        correction = interval_correction(
             *(problem, optimum, average, least),
             missing=missing,
             white=not coloured(tested),
             level=level,
         )
-        by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
+        by_noise, optimum = optimum, replace(optimum, covariance=correction.covariance)
         curves: dict[int, ProfileCurve] = {}
-        doubtful = doubt.beyond.any() or doubt.scatter > 1.0
+        doubtful = correction.beyond.any() or correction.scatter > 1.0
         for i in shown if maybe_profiled and not doubtful else ():
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
@@ -237,8 +237,8 @@ def identify(
             std=np.sqrt(np.diag(optimum.covariance))[:k],
             prior_std=before.std,
             level=level,
-            beyond=doubt.beyond,
-            widening=doubt.widening,
+            beyond=correction.beyond,
+            widening=correction.widening,
             average=average,
             curves=curves,
             rivals=optimum.rivals,
@@ -264,7 +264,7 @@ def identify(
             seed=seed,
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
-            scatter=doubt.scatter,
+            scatter=correction.scatter,
             missed=math.sqrt(missed),
             measured=measured,
             friction_used=max(

@@ -25,8 +25,11 @@ from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.kept import beginning_of, load_kept, measured_in
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
-from parameter_identification.estimation.doubt import CONTRADICTING, with_prior_variance
 from parameter_identification.estimation.estimates import estimates_of
+from parameter_identification.estimation.interval_correction import (
+    CONTRADICTING,
+    with_prior_variance,
+)
 from parameter_identification.estimation.mixture import Mixture, mixture_of
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import at_bounds
@@ -36,7 +39,7 @@ from parameter_identification.estimation.results import (
     asked_for,
     common_truth,
 )
-from parameter_identification.estimation.shares import DriveShare, Setting, first_fit
+from parameter_identification.estimation.shares import DriveShare, FitSetting, first_fit
 from parameter_identification.estimation.weighing import CERTAIN
 from parameter_identification.estimation.whiteness import SIGNIFICANCE
 from parameter_identification.many_bags import read_bags, some_of
@@ -45,7 +48,7 @@ from parameter_identification.vehicle_fit import (
     VehicleFit,
     beyond_of,
     descend,
-    drop_untold,
+    drop_without_inputs,
     growth_of,
 )
 from parameter_identification.workers import each
@@ -205,7 +208,7 @@ def identify_many(
     if not files:
         raise IdentificationError(f"no drive: nothing to identify from{some_of(left_out)}")
     (fit,) = fits = begin([list(files.values())], vehicle, beside, prior, seed, executor)
-    left_out += drop_untold(fits, files, executor, leave_out=leave_out)
+    left_out += drop_without_inputs(fits, files, executor, leave_out=leave_out)
     descend(fits, executor)
     average = None
     if weighed and fit.setting.shared:
@@ -279,7 +282,7 @@ def begin(
 
 def _begin(
     job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], BoxPrior, int],
-) -> tuple[Setting, FloatArray]:
+) -> tuple[FitSetting, FloatArray]:
     """The best fit of a few drives, among them one with each sensor, and the sensors' noise."""
     files, vehicle, effects, prior, seed = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
@@ -307,7 +310,7 @@ class _Average:
 
 def _weigh(fit: VehicleFit) -> _Average:
     """Average over effects that all drives have in common; go to the most probable ones."""
-    here, variables = fit.sum, fit.variables
+    here, variables = fit.quadratic, fit.variables
     first = len(fit.setting.vehicle.unknown)
     effects = range(first, first + len(fit.setting.shared))
     mixture = mixture_of(
@@ -361,7 +364,7 @@ def result_of(
     average : _Average, optional
         Over subsets of the effects.
     """
-    here, setting, at = fit.sum, fit.setting, fit.at
+    here, setting, at = fit.quadratic, fit.setting, fit.at
     growth, factors = growth_of(fit, level)
     if average is not None:
         covariance = average.mixture.covariance(at)
@@ -375,7 +378,7 @@ def result_of(
     bounds, drives = fit.variables, here.shares
     white = few_coloured(sum(not share.white for share in drives), len(drives))
     if not white or growth[:k].max() > CONTRADICTING:
-        beyond |= at_bounds(at, bounds.low, bounds.high)[:k].any()  # as in `doubt_of`
+        beyond |= at_bounds(at, bounds.low, bounds.high)[:k].any()  # as in `interval_correction`
     by_noise = np.sqrt(np.diag(covariance))
     covariance = with_prior_variance(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))

@@ -44,7 +44,7 @@ class Arrow:
         return np.setdiff1d(np.arange(self.information.shape[1]), self.common)
 
     def _eliminated(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Information (s, s), gradient (s,) of the common ones; how own ones follow (v, m, s)."""
+        """Information (s, s), gradient (s,) of the common ones; sensitivities (v, m, s)."""
         own, common = self.own, self.common
         alone = self.information[:, own[:, None], own]
         across = self.information[:, own[:, None], common]
@@ -65,17 +65,17 @@ class Arrow:
         -------
         common : ndarray of float, shape (s, s)
             Of the common variables.
-        alone : ndarray of float, shape (v, m, m)
+        own : ndarray of float, shape (v, m, m)
             Of each group's own ones, if the common ones were known.
-        follow : ndarray of float, shape (v, m, s)
+        sensitivity : ndarray of float, shape (v, m, s)
             By how much own ones change with the common ones: the covariance of the own variables of
-            groups a and b is `follow[a] @ common @ follow[b].T`, and where they are the same, that
-            and `alone[a]`.
+            groups a and b is `sensitivity[a] @ common @ sensitivity[b].T`, plus `own[a]` where they
+            are the same.
         """
-        information, _, follow = self._eliminated()
+        information, _, sensitivity = self._eliminated()
         own = self.own
         alone = np.linalg.inv(self.information[:, own[:, None], own])
-        return np.asarray(np.linalg.inv(information)), np.asarray(alone), follow
+        return np.asarray(np.linalg.inv(information)), np.asarray(alone), sensitivity
 
     def step(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the step (v, n) to the minimum; variables that would pass a bound end there.
@@ -126,12 +126,12 @@ class Arrow:
             np.where(np.outer(free_common, free_common), self.prior_information, 0.0),
             np.where(free_common, prior_gradient, 0.0),
         )
-        information, slope, follow = reduced._eliminated()
+        information, slope, sensitivity = reduced._eliminated()
         own, common = self.own, self.common
         step = known.copy()
         shared = np.linalg.solve(information, -slope)
         alone = reduced.information[:, own[:, None], own]
         lone = np.linalg.solve(alone, -reduced.gradient[:, own, None])[:, :, 0]
         step[:, common] += np.where(free_common, shared, 0.0)
-        step[:, own] += np.where(held[:, own], 0.0, lone + follow @ shared)
+        step[:, own] += np.where(held[:, own], 0.0, lone + sensitivity @ shared)
         return step

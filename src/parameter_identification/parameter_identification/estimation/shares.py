@@ -1,4 +1,4 @@
-"""What one drive says of the variables that it has in common with others, its own eliminated.
+"""The cost of one drive as a function of the common variables, its own variables eliminated.
 
 Every drive has start pose, clocks and bias of its own, and shares parameters and effects with the
 others: the information matrix has the shape of an arrow. Drives can therefore be fitted one by one:
@@ -32,8 +32,8 @@ from tricycle_sim.vehicle import Vehicle
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """How the drives of a vehicle are looked at.
+class FitSetting:
+    """Model and noise by which the drives of a vehicle are fitted.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class DriveShare:
-    """What one drive says of the common variables at a point.
+    """The cost of one drive near a point of the common variables, its own variables eliminated.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ def first_fit(
     effects: Sequence[Effect],
     prior: BoxPrior,
     seed: int,
-) -> tuple[Setting, FloatArray]:
+) -> tuple[FitSetting, FloatArray]:
     """Return noise and common variables (c,) of the best fit of a few drives together.
 
     Parameters
@@ -139,15 +139,15 @@ def first_fit(
             best = find_optimum(problem, starts=4, seed=seed, level=0.95, near=near)
             common = problem.k + models[0].shared
             noise, sizes = dict(problem.noise), problem.sizes()
-    return Setting(vehicle, tuple(effects), noise, sizes, measured), best.fit.at[:common]
+    return FitSetting(vehicle, tuple(effects), noise, sizes, measured), best.fit.at[:common]
 
 
-def untold(setting: Setting, drive: MeasuredDrive) -> str:
-    """Return why a drive cannot be looked at; empty where it tells all that is needed.
+def missing_inputs(setting: FitSetting, drive: MeasuredDrive) -> str:
+    """Return which inputs a drive lacks, as a message; empty if none.
 
     Parameters
     ----------
-    setting : Setting
+    setting : FitSetting
         Of its vehicle.
     drive : MeasuredDrive
         The drive.
@@ -162,13 +162,13 @@ def untold(setting: Setting, drive: MeasuredDrive) -> str:
 
 
 def share_of(
-    setting: Setting, drive: MeasuredDrive, common: FloatArray, own: FloatArray | None = None
+    setting: FitSetting, drive: MeasuredDrive, common: FloatArray, own: FloatArray | None = None
 ) -> DriveShare:
-    """Return what a drive says at a point, its own variables fitted and eliminated.
+    """Return the share of a drive at a point, its own variables fitted and eliminated.
 
     Parameters
     ----------
-    setting : Setting
+    setting : FitSetting
         Of its vehicle.
     drive : MeasuredDrive
         The drive.
@@ -177,7 +177,7 @@ def share_of(
     own : ndarray of float, shape (q,), optional
         Where the search of its own variables begins. Default: the means of their priors.
     """
-    if reason := untold(setting, drive):
+    if reason := missing_inputs(setting, drive):
         raise IdentificationError(f"{drive.name}: {reason}")
     model = DriveModel(setting.vehicle, drive, setting.effects, measured=setting.measured)
     k, c = len(model.low), len(common)

@@ -1,4 +1,4 @@
-"""Where intervals by the noise promise too much: drives that disagree, ranges that they contradict.
+"""Corrections of intervals by the noise: drives that disagree, ranges that they contradict.
 
 n: variables, k of them parameters.
 """
@@ -212,15 +212,15 @@ def with_prior_variance(
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
-    """What the intervals of a fit have to count beside the noise.
+class IntervalCorrection:
+    """Uncertainty of a fit beside the noise, from drives that disagree and ranges.
 
     Attributes
     ----------
     covariance : ndarray of float, shape (n, n)
-        With it.
+        Corrected.
     widening : ndarray of float, shape (k,)
-        By which factor it makes the deviations of the parameters larger.
+        Factors by which the correction makes the deviations of the parameters larger.
     beyond : ndarray of bool, shape (k,)
         Parameters that the data pull beyond their ranges.
     scatter : float
@@ -233,7 +233,7 @@ class Doubt:
     scatter: float
 
 
-def doubt_of(
+def interval_correction(
     problem: LeastSquares,
     optimum: Optimum,
     average: Mixture | None,
@@ -242,8 +242,8 @@ def doubt_of(
     missing: FloatArray | None = None,
     white: bool,
     level: float,
-) -> Doubt:
-    """Return what the intervals of a fit have to count beside the noise.
+) -> IntervalCorrection:
+    """Return the correction of a fit's intervals for drives that disagree and for ranges.
 
     Parameters
     ----------
@@ -296,4 +296,4 @@ def doubt_of(
     before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
     covariance = with_prior_variance(covariance, before, beyond)
     widening = np.sqrt(np.diag(covariance)[:k] / np.diag(optimum.covariance)[:k])
-    return Doubt(covariance, widening, beyond, float(scatter.max()))
+    return IntervalCorrection(covariance, widening, beyond, float(scatter.max()))

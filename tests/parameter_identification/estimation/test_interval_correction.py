@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from parameter_identification.estimation.doubt import (
+from parameter_identification.estimation.interval_correction import (
     AGREEING,
     SCATTER,
     beyond_ranges,
