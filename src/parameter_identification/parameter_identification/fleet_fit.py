@@ -22,15 +22,12 @@ from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.population import Population, population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.vehicle_fit import (
-    PASSES,
-    TOLERANCE,
     VehicleCost,
     VehicleFit,
     beyond_of,
-    evaluate,
+    descend,
     growth_of,
 )
-from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 
 TAKEN_OUT = 0.999  # share of a rate's prior: what is left keeps a single drive's rate finite
@@ -64,37 +61,45 @@ class FleetFit:
         IdentificationError
             If there is no minimum.
         """
-        fits, common = self.fits, list(self.common)
+        common = list(self.common)
         if not common:
             return
-        low = np.array([fit.variables.low for fit in fits])
-        high = np.array([fit.variables.high for fit in fits])
-        points = np.array([fit.at for fit in fits])
+        points = np.array([fit.at for fit in self.fits])
         points[:, common] = np.median(points[:, common], axis=0)
+        low, high = self._bounds()
         points += self._arrow(points).step(low - points, high - points)
-        self._take(points, evaluate(fits, list(points), executor))
-        shorter = 1.0
-        for _ in range(PASSES):
-            arrow = self._arrow(points)
-            step = shorter * arrow.step(low - points, high - points)
-            trial = np.clip(points + step, low, high)
-            if arrow.decrease(step) < TOLERANCE:
-                for fit, point in zip(fits, trial, strict=True):
-                    fit.at = point
-                return
-            there = evaluate(fits, list(trial), executor)
-            if self._cost(there) < self._cost([fit.quadratic for fit in fits]):
-                points, shorter = trial, 1.0
-                self._take(trial, there)
-            else:
-                shorter *= 0.3
-        raise IdentificationError(
-            f"no minimum of all vehicles together after {PASSES} passes over the drives"
-        )
+        for fit, point in zip(self.fits, points, strict=True):
+            fit.at = point
+        descend([self], executor, ["all vehicles together"])
 
-    def _take(self, points: FloatArray, sums: Sequence[VehicleCost]) -> None:
-        for fit, point, there in zip(self.fits, points, sums, strict=True):
-            fit.at, fit.here = point, there
+    def trial(self, length: float) -> tuple[list[FloatArray], float]:
+        """Return the point (n,) of each vehicle after a step, and the decrease of the cost by it.
+
+        Parameters
+        ----------
+        length : float
+            Share of the step that is made.
+        """
+        points, (low, high) = np.array([fit.at for fit in self.fits]), self._bounds()
+        arrow = self._arrow(points)
+        step = length * arrow.step(low - points, high - points)
+        return list(np.clip(points + step, low, high)), arrow.decrease(step)
+
+    def total(self, costs: Sequence[VehicleCost]) -> float:
+        """Return the cost of all vehicles, in which the prior of what is common counts once.
+
+        Parameters
+        ----------
+        costs : sequence of VehicleCost
+            Of each vehicle, with the prior.
+        """
+        off = (costs[0].at - self.fits[0].variables.mean)[list(self.common)]
+        return sum(cost.cost for cost in costs) - float(off @ self._repeated() @ off)
+
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds (v, n) of the variables."""
+        low = np.array([fit.variables.low for fit in self.fits])
+        return low, np.array([fit.variables.high for fit in self.fits])
 
     def _prior(self) -> FloatArray:
         """Prior information (s, s) of what is common."""
@@ -104,10 +109,6 @@ class FleetFit:
     def _repeated(self) -> FloatArray:
         """What the vehicles' fits count of it too often: once for each but one."""
         return (len(self.fits) - 1) * self._prior()
-
-    def _cost(self, sums: Sequence[VehicleCost]) -> float:
-        off = (sums[0].at - self.fits[0].variables.mean)[list(self.common)]
-        return sum(s.cost for s in sums) - float(off @ self._repeated() @ off)
 
     def _arrow(self, points: FloatArray) -> Arrow:
         """What all say at points (v, n), by their derivatives close by."""

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from tricycle_core.quantities import FloatArray
 DRIVES_PER_TASK = 4  # of the executor
 PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
+SHORTENED = 0.3  # share of a step that is tried where the step does not lower the cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +131,12 @@ class VehicleFit:
             raise ValueError("the cost was not evaluated yet")
         return self.here
 
-    def trial(self, length: float) -> tuple[FloatArray, float]:
+    @property
+    def fits(self) -> "tuple[VehicleFit, ...]":
+        """The vehicle itself, as the only one of its search."""
+        return (self,)
+
+    def trial(self, length: float) -> tuple[list[FloatArray], float]:
         """Return the point (n,) of the next step, and by how much it lowers the quadratic cost.
 
         Parameters
@@ -139,7 +146,46 @@ class VehicleFit:
         """
         low, high = self.variables.low, self.variables.high
         step = length * self.quadratic.step(low, high)
-        return np.clip(self.at + step, low, high), self.quadratic.decrease(step)
+        return [np.clip(self.at + step, low, high)], self.quadratic.decrease(step)
+
+    def total(self, costs: Sequence[VehicleCost]) -> float:
+        """Return the cost that is minimised.
+
+        Parameters
+        ----------
+        costs : sequence of VehicleCost
+            The one of this vehicle.
+        """
+        return costs[0].cost
+
+
+class Search(Protocol):
+    """Vehicles whose common cost is minimised step by step."""
+
+    @property
+    def fits(self) -> Sequence[VehicleFit]:
+        """The vehicles."""
+        ...
+
+    def trial(self, length: float) -> tuple[list[FloatArray], float]:
+        """Return the point (n,) of each vehicle after a step, and the decrease of the cost by it.
+
+        Parameters
+        ----------
+        length : float
+            Share of the step that is made.
+        """
+        ...
+
+    def total(self, costs: Sequence[VehicleCost]) -> float:
+        """Return the cost that is minimised.
+
+        Parameters
+        ----------
+        costs : sequence of VehicleCost
+            Of each vehicle.
+        """
+        ...
 
 
 def drop_without_inputs(
@@ -257,45 +303,50 @@ def _summed(
 
 
 def descend(
-    fits: Sequence[VehicleFit], executor: Executor | None, names: Sequence[str] = ()
+    searches: Sequence[Search], executor: Executor | None, names: Sequence[str] = ()
 ) -> None:
-    """Bring each vehicle to the best fit of its drives, all in the same passes.
+    """Bring the vehicles of each search to their least cost, all in the same passes.
 
     Parameters
     ----------
-    fits : sequence of VehicleFit
-        The vehicles.
+    searches : sequence of Search
+        They have no vehicle in common.
     executor : concurrent.futures.Executor, optional
         Default: this process.
     names : sequence of str
-        Of the vehicles, for the message.
+        Of the searches, for the message.
 
     Raises
     ------
     IdentificationError
         If one has no minimum.
     """
-    found = evaluate(fits, [fit.at for fit in fits], executor)
-    for fit, there in zip(fits, found, strict=True):
-        fit.here = there
-    lengths = dict.fromkeys(range(len(fits)), 1.0)
+    every = [fit for search in searches for fit in search.fits]
+    for fit, cost in zip(every, evaluate(every, [f.at for f in every], executor), strict=True):
+        fit.here = cost
+    lengths = dict.fromkeys(range(len(searches)), 1.0)
     for _ in range(PASSES):
         trials = {}
         for i in list(lengths):
-            point, decrease = fits[i].trial(lengths[i])
+            points, decrease = searches[i].trial(lengths[i])
             if decrease < TOLERANCE:
-                fits[i].at = point
+                for fit, point in zip(searches[i].fits, points, strict=True):
+                    fit.at = point
                 del lengths[i]
             else:
-                trials[i] = point
+                trials[i] = points
         if not trials:
             return
-        found = evaluate([fits[i] for i in trials], list(trials.values()), executor)
-        for (i, point), there in zip(trials.items(), found, strict=True):
-            if there.cost < fits[i].quadratic.cost:
-                fits[i].at, fits[i].here, lengths[i] = point, there, 1.0
+        moved = [fit for i in trials for fit in searches[i].fits]
+        found = iter(evaluate(moved, list(itertools.chain(*trials.values())), executor))
+        for i, points in trials.items():
+            search, costs = searches[i], list(itertools.islice(found, len(points)))
+            if search.total(costs) < search.total([fit.quadratic for fit in search.fits]):
+                lengths[i] = 1.0
+                for fit, point, cost in zip(search.fits, points, costs, strict=True):
+                    fit.at, fit.here = point, cost
             else:
-                lengths[i] *= 0.3
+                lengths[i] *= SHORTENED
     whose = f"{', '.join(names[i] for i in lengths)}: " if names else ""
     raise IdentificationError(f"{whose}no minimum after {PASSES} passes over the drives")
 
