@@ -25,13 +25,19 @@ from parameter_identification.drives.measured import Input, Sensor, read_measure
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
-from parameter_identification.estimation.shares import FitSetting
+from parameter_identification.estimation.shares import DriveShare, FitSetting
 from parameter_identification.identification import identify
-from parameter_identification.many_drives import identify_many
-from parameter_identification.vehicle_fit import VehicleFit, drop_without_inputs
+from parameter_identification.many_drives import identify_many, result_of
+from parameter_identification.vehicle_fit import (
+    Variables,
+    VehicleCost,
+    VehicleFit,
+    drop_without_inputs,
+)
 from parameter_identification.workers import each
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
+from tricycle_sim.effects import effects_of
 
 SENSORS = {
     Sensor.HEADING: SensorNoise(0.002),
@@ -350,3 +356,22 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
         assert again.signals[sensor].jitter == signal.jitter
     for name in ("time", "steering_motor_angle", "speed"):
         assert np.array_equal(getattr(again.commands, name), getattr(drive.commands, name))
+
+
+@pytest.mark.parametrize(("pull", "shown"), [(2.0, True), (4.0, False)])
+def test_an_effect_that_is_pulled_beyond_its_bound_counts_as_in_one_fit_of_all(pull, shown):
+    k, n, std = len(VEHICLE.unknown), len(VEHICLE.unknown) + 1, 0.01
+    setting = FitSetting(VEHICLE, effects_of(VEHICLE, ["wheel-radius"]), {}, {})
+    prior = np.diag([*[12.0] * k, 1.0])
+    low, high = np.append(np.zeros(k), -2.0), np.append(np.ones(k), 2.0)
+    variables = Variables(low, high, np.append(np.full(k, 0.5), 0.0), prior)
+    at, information = np.append(np.full(k, 0.5), 2.0), np.eye(n) * std**-2
+    gradient = np.append(np.zeros(k), -pull * std * std**-2)
+    share = DriveShare(
+        "", 0.0, 1, at, 0.0, information, gradient, np.empty(0), white=False, truth={}
+    )
+    cost = VehicleCost(at, 0.0, gradient, information, gradient[None], 4 * (share,))
+    files = {file: file for file in map(Path, "abcd")}
+    fit = VehicleFit(list(files), setting, variables, np.zeros(4), at, cost)
+    found = result_of(fit, files, (), 0.95, 0)
+    assert {e.identifiable for e in found.parameters.values()} == {shown}

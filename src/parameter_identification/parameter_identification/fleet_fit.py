@@ -15,6 +15,7 @@ from parameter_identification.estimation.estimates import estimates_of, identifi
 from parameter_identification.estimation.interval_correction import (
     SCATTER,
     beyond_ranges,
+    pulled_parameters,
     scatter_factors,
     with_prior_variance,
 )
@@ -24,7 +25,6 @@ from parameter_identification.estimation.results import Estimate
 from parameter_identification.vehicle_fit import (
     VehicleCost,
     VehicleFit,
-    beyond_of,
     descend,
     growth_of,
 )
@@ -252,9 +252,10 @@ class FleetPosterior:
             Probability of the intervals.
         """
         fit = self.fits[i]
-        beyond = beyond_of(fit, growth_of(fit, level)[1])
-        names = enumerate(fit.setting.vehicle.unknown)
-        return tuple(name for j, name in names if beyond[j] and j not in self.common)
+        names, bounds = list(fit.setting.vehicle.unknown), fit.variables
+        factors = growth_of(fit, level)[1][: len(names)]
+        beyond = pulled_parameters(fit.at, fit.quadratic, factors, bounds.low, bounds.high)
+        return tuple(name for j, name in enumerate(names) if beyond[j] and j not in self.common)
 
     def without_prior(self, at: Sequence[int], level: float) -> "DriveEvidence":
         """What the drives alone tell of variables of each vehicle: a level, and perhaps its rate.

@@ -26,13 +26,9 @@ from parameter_identification.drives.kept import beginning_of, load_kept, measur
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.estimates import estimates_of
-from parameter_identification.estimation.interval_correction import (
-    CONTRADICTING,
-    with_prior_variance,
-)
+from parameter_identification.estimation.interval_correction import corrected
 from parameter_identification.estimation.mixture import Mixture, mixture_of
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
-from parameter_identification.estimation.problem import at_bounds
 from parameter_identification.estimation.results import (
     EffectEstimate,
     Estimate,
@@ -46,7 +42,6 @@ from parameter_identification.many_bags import read_bags, some_of
 from parameter_identification.vehicle_fit import (
     Variables,
     VehicleFit,
-    beyond_of,
     descend,
     drop_without_inputs,
     growth_of,
@@ -370,21 +365,26 @@ def result_of(
         covariance = average.mixture.covariance(at)
     elif covariance is None:
         covariance = here.covariance()
-    k, vehicle = len(setting.vehicle.unknown), setting.vehicle
+    k, vehicle, bounds = len(setting.vehicle.unknown), setting.vehicle, fit.variables
     width = np.array([high - low for low, high in vehicle.unknown.values()])
-    before = np.asarray(np.linalg.inv(fit.variables.information), dtype=np.float64)[:k, :k]
     mixture = None if average is None else average.mixture
-    beyond = beyond_of(fit, factors, mixture)
-    bounds, drives = fit.variables, here.shares
-    white = few_coloured(sum(not share.white for share in drives), len(drives))
-    if not white or growth[:k].max() > CONTRADICTING:
-        beyond |= at_bounds(at, bounds.low, bounds.high)[:k].any()  # as in `interval_correction`
-    by_noise = np.sqrt(np.diag(covariance))
-    covariance = with_prior_variance(covariance * np.outer(factors, factors), before, beyond)
+    drives = here.shares
+    correction = corrected(
+        at,
+        here,
+        covariance,
+        factors,
+        bounds.prior_covariance[:k, :k],
+        (bounds.low, bounds.high),
+        average=mixture,
+        scatter=float(growth[:k].max()),
+        wrong=not few_coloured(sum(not share.white for share in drives), len(drives)),
+    )
+    covariance = correction.covariance
     std = np.sqrt(np.diag(covariance))
     estimates = estimates_of(
-        vehicle, at[:k], std[:k], fit.variables.prior_std[:k], level,
-        beyond=beyond, widening=std[:k] / by_noise[:k], average=mixture,
+        vehicle, at[:k], std[:k], bounds.prior_std[:k], level,
+        beyond=correction.beyond, widening=correction.widening, average=mixture,
     )  # fmt: skip
     acts = [None] * len(setting.shared) if average is None else average.acts
     effects = [
@@ -402,7 +402,7 @@ def result_of(
     return ManyDrives(
         estimates,
         covariance[:k, :k] * np.outer(width, width),
-        float(growth[:k].max()),
+        correction.scatter,
         tuple(shares),
         tuple(left_out),
         common_truth(share.truth for share in here.shares),

@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.kept import load_kept
-from parameter_identification.estimation.interval_correction import beyond_ranges, scatter_factors
-from parameter_identification.estimation.mixture import Mixture
+from parameter_identification.estimation.interval_correction import scatter_factors
 from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.shares import (
     DriveShare,
@@ -64,9 +62,14 @@ class Variables:
         return len(self.mean) - len(self.changing)
 
     @property
+    def prior_covariance(self) -> FloatArray:
+        """Covariance (n, n) of the prior."""
+        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+
+    @property
     def prior_std(self) -> FloatArray:
         """Marginal standard deviations (n,) of the prior."""
-        return np.sqrt(np.diag(np.linalg.inv(self.information)))
+        return np.sqrt(np.diag(self.prior_covariance))
 
     def of_drive(self, since: float) -> FloatArray:
         """Return the matrix (c, n) that gives the common variables of a drive.
@@ -364,26 +367,3 @@ def growth_of(fit: VehicleFit, level: float) -> tuple[FloatArray, FloatArray]:
     return scatter_factors(
         fit.quadratic.covariance(), fit.quadratic.slopes, fit.variables.information, level
     )
-
-
-def beyond_of(
-    fit: VehicleFit, factors: FloatArray, average: Mixture | None = None
-) -> NDArray[np.bool_]:
-    """Return which parameters (k,) the drives pull beyond their ranges.
-
-    Parameters
-    ----------
-    fit : VehicleFit
-        At the best fit.
-    factors : ndarray of float, shape (n,)
-        Those of `growth_of` for intervals.
-    average : Mixture, optional
-        Over subsets of the effects.
-    """
-    here, k = fit.quadratic, len(fit.setting.vehicle.unknown)
-    free, std = here.minimum(), np.sqrt(np.diag(here.covariance()))
-    if average is not None:
-        free, std = average.mean, average.standard_deviations
-    std = factors * std
-    low, high = fit.variables.low, fit.variables.high
-    return beyond_ranges(*(values[:k] for values in (fit.at, free, std, low, high)))
