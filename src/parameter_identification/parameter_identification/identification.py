@@ -41,6 +41,7 @@ from parameter_identification.estimation.motion_model import OF_INPUT
 from parameter_identification.estimation.motions import Simulator
 from parameter_identification.estimation.observability import hidden_combinations
 from parameter_identification.estimation.optimum import (
+    Optimum,
     find_optimum,
     rough_minima,
     steps_to_optimum,
@@ -169,14 +170,9 @@ def identify(
     known = asked if hold_others else vehicle
     everything = [*drives, *held_out]
     check_drives(everything, vehicle, other_vehicle=other_vehicle)
-    measured: frozenset[Input] = frozenset()
-    if simulator is CommandedBatch:  # others have actuators of their own
-        measured = measured_inputs(everything, vehicle, inputs)
-    elif inputs is Inputs.MEASURED:
-        raise IdentificationError("an FMU follows its commands, not what was measured")
+    measured = _measured(everything, vehicle, inputs, simulator)
     unneeded = {name for one in measured for name in OF_INPUT[one]}
     beside = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)
-
     before = box_prior(known, prior)
 
     def problem_with(chosen: Sequence[Effect]) -> LeastSquares:
@@ -189,10 +185,10 @@ def identify(
     with threadpool_limits(1, user_api="blas"), problem_with(beside) as problem:
         shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
         weighs = bool(weighed and problem.constant_effects())
+        if weighs or len(drives) >= SCATTER or redraw is not None:
+            profiles = False
         to_optimum = starts * bool(beside) + steps_to_optimum(problem, starts)
-        to_profiles = to_optimum + weighs
-        maybe_profiled = profiles and not weighs and len(drives) < SCATTER and redraw is None
-        to_end = to_profiles + len(shown) * maybe_profiled + REPEATS * (redraw is not None)
+        to_end = to_optimum + weighs + len(shown) * profiles + REPEATS * (redraw is not None)
         step = Steps(progress, to_end)
         near = None
         if beside:  # without effects a search takes a tenth of the time
@@ -204,7 +200,7 @@ def identify(
         acts: dict[str, float] = {}
         if weighs:
             optimum, average, acts = weigh_effects(problem, optimum)
-            step.pass_to(to_profiles)
+            step()
         least = None
         if redraw is not None:
             least = bootstrap_deviations(
@@ -213,7 +209,7 @@ def identify(
         predictions = problem.predictions(optimum.fit.at)
         tested = whiteness_of_residuals(problem, predictions)
         missed, missing = 0.0, None
-        if 1 < len(drives) < SCATTER or (held_out and len(drives) > 1):
+        if len(drives) > 1 and (held_out or len(drives) < SCATTER):
             cross = predict_each_other(problem, optimum, predictions)
             missed = cross.missed
             missing = cross.estimates if missed and len(drives) < SCATTER else None
@@ -223,13 +219,11 @@ def identify(
             white=not coloured(tested),
             level=level,
         )
-        by_noise, optimum = optimum, replace(optimum, covariance=correction.covariance)
         curves: dict[int, ProfileCurve] = {}
-        doubtful = correction.beyond.any() or correction.scatter > 1.0
-        for i in shown if maybe_profiled and not doubtful else ():
-            curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
-            step()
+        if profiles and not correction.beyond.any() and not correction.scatter > 1.0:
+            curves = _curves(problem, optimum, shown, level, step)
         step.pass_to(to_end)
+        optimum = replace(optimum, covariance=correction.covariance)
         k, model = problem.k, problem.models[0]
         estimates = estimates_of(
             vehicle=known,
@@ -267,7 +261,27 @@ def identify(
             scatter=correction.scatter,
             missed=math.sqrt(missed),
             measured=measured,
-            friction_used=max(
-                m.motion.friction_used(optimum.fit.at[: problem.k]) for m in problem.models
-            ),
+            friction_used=max(m.motion.friction_used(optimum.fit.at[:k]) for m in problem.models),
         ).only(asked.unknown)
+
+
+def _measured(
+    drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs, simulator: Simulator
+) -> frozenset[Input]:
+    """What moves as measured; other simulators than our own have actuators of their own."""
+    if simulator is CommandedBatch:
+        return measured_inputs(drives, vehicle, inputs)
+    if inputs is Inputs.MEASURED:
+        raise IdentificationError("an FMU follows its commands, not what was measured")
+    return frozenset()
+
+
+def _curves(
+    problem: LeastSquares, optimum: Optimum, shown: Sequence[int], level: float, step: Steps
+) -> dict[int, ProfileCurve]:
+    """Profile likelihoods of some parameters, by number."""
+    curves = {}
+    for i in shown:
+        curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
+        step()
+    return curves
