@@ -160,16 +160,14 @@ class FleetFit:
             )
             covariance = with_prior_variance(covariance, np.asarray(np.linalg.inv(prior)), beyond)
         return FleetPosterior(
-            *(
-                self.fits,
-                points,
-                arrow.common,
-                arrow.own,
-                covariance,
-                own_covariance,
-                sensitivity,
-                beyond,
-            )
+            fits=self.fits,
+            at=points,
+            common=arrow.common,
+            own=arrow.own,
+            shared_covariance=covariance,
+            own_covariance=own_covariance,
+            sensitivity=sensitivity,
+            beyond=beyond,
         )
 
 

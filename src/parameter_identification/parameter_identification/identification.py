@@ -214,7 +214,10 @@ def identify(
             missed = cross.missed
             missing = cross.estimates if missed and len(drives) < SCATTER else None
         correction = interval_correction(
-            *(problem, optimum, average, least),
+            problem,
+            optimum,
+            average,
+            least,
             missing=missing,
             white=not coloured(tested),
             level=level,

@@ -400,16 +400,16 @@ def result_of(
     names = _names_of([bags[file] for file in fit.files])
     shares = [replace(s, name=name) for s, name in zip(here.shares, names, strict=True)]
     return ManyDrives(
-        estimates,
-        covariance[:k, :k] * np.outer(width, width),
-        correction.scatter,
-        tuple(shares),
-        tuple(left_out),
-        common_truth(share.truth for share in here.shares),
-        vehicle.name,
-        vehicle.fingerprint,
-        level,
-        tuple(effects),
+        parameters=estimates,
+        covariance=covariance[:k, :k] * np.outer(width, width),
+        scatter=correction.scatter,
+        drives=tuple(shares),
+        left_out=tuple(left_out),
+        truth=common_truth(share.truth for share in here.shares),
+        vehicle=vehicle.name,
+        vehicle_hash=vehicle.fingerprint,
+        level=level,
+        effects=tuple(effects),
         measured=setting.measured,
         seed=seed,
     )

@@ -199,15 +199,15 @@ def share_of(
     across, alone = information[:c, c:], information[c:, c:]
     eliminated = np.linalg.solve(alone, np.column_stack([across.T, gradient[c:]]))
     return DriveShare(
-        drive.name,
-        drive.began,
-        samples,
-        common,
-        float(cost - gradient[c:] @ eliminated[:, -1]),
-        information[:c, :c] - across @ eliminated[:, :-1],
-        gradient[:c] - across @ eliminated[:, -1],
-        at[c:] - eliminated[:, -1],
-        white,
-        drive.truth,
-        drive.complete,
+        name=drive.name,
+        began=drive.began,
+        samples=samples,
+        at=common,
+        cost=float(cost - gradient[c:] @ eliminated[:, -1]),
+        information=information[:c, :c] - across @ eliminated[:, :-1],
+        gradient=gradient[:c] - across @ eliminated[:, -1],
+        own=at[c:] - eliminated[:, -1],
+        white=white,
+        truth=drive.truth,
+        complete=drive.complete,
     )
