@@ -35,7 +35,7 @@ from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.simulated import SensedMotion, measure
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.fleet import DAY, identify_fleet
-from parameter_identification.together import Alone
+from parameter_identification.fleet_fit import DriveEvidence
 from tricycle_sim.vehicle.batch import simulate
 
 NAMES = tuple(VEHICLE.unknown)
@@ -173,7 +173,9 @@ def drawn(vehicles, number, spread, rate, rate_spread):
         covariances[i] = np.linalg.inv(rows.T @ rows + np.diag([0.0, 0.004]))
         noise = rng.standard_normal(3)
         estimates[i] = covariances[i] @ (rows.T @ (rows @ true[i] + noise))
-    return true, Alone(estimates, covariances, np.zeros((vehicles, 2, 0)), [True] * vehicles)
+    return true, DriveEvidence(
+        estimates, covariances, np.zeros((vehicles, 2, 0)), [True] * vehicles
+    )
 
 
 def one_drawn(job):

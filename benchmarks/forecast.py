@@ -19,6 +19,7 @@ from identification import VEHICLE, draw, rounded
 
 from excitation_planner import Box
 from excitation_planner.design.noise import SIMULATED, MeasurementNoise
+from excitation_planner.design.prior import SHOWN, UNIFORM_STD
 from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning.prediction import ReplayedTrajectories, predicted_covariance
 from excitation_planner.planning.replay import nominal_run
@@ -34,7 +35,6 @@ PAIRS = {  # radius, speed
     "README": ((2.132, 0.961), (3.013, 0.763)),
     "wide": ((3.5, 0.9), (5.0, 0.9)),
 }
-SHOWN = 0.5  # of the deviation of the range, at most
 START = StartPose(0.0, 0.0, 0.0, SIMULATED.start_position_std, SIMULATED.start_heading_std)
 SENSORS = {
     Sensor.POSITION: SensorNoise(SIMULATED.noise_std, rate=SIMULATED.pose_rate),
@@ -98,7 +98,7 @@ def main():
             stated, missed = np.sqrt((all_found**2).mean(axis=0))
             print(f"{name}: circles {points}, {vehicles} vehicles, 1σ in % of the range")
             for i, parameter in enumerate(VEHICLE.unknown):
-                if forecast[i] > SHOWN / np.sqrt(12):
+                if forecast[i] > SHOWN * UNIFORM_STD:
                     continue
                 print(
                     f"  {parameter:22} expected {100 * forecast[i]:5.2f}"

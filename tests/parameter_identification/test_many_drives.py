@@ -25,13 +25,19 @@ from parameter_identification.drives.measured import Input, Sensor, read_measure
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
-from parameter_identification.estimation.shares import Setting
+from parameter_identification.estimation.shares import DriveShare, FitSetting
 from parameter_identification.identification import identify
-from parameter_identification.many_drives import identify_many
-from parameter_identification.vehicle_fit import VehicleFit, drop_untold
+from parameter_identification.many_drives import identify_many, result_of
+from parameter_identification.vehicle_fit import (
+    Variables,
+    VehicleCost,
+    VehicleFit,
+    drop_without_inputs,
+)
 from parameter_identification.workers import each
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
+from tricycle_sim.effects import effects_of
 
 SENSORS = {
     Sensor.HEADING: SensorNoise(0.002),
@@ -268,14 +274,14 @@ def test_a_drive_without_what_moves_as_measured_is_named_by_its_bag_or_left_out(
     for i, bag in enumerate(bags[:3]):
         keep(dataclasses.replace(drive, signals=silent) if i == 1 else drive, tmp_path / bag.name)
     files = {bag: tmp_path / bag.name for bag in bags[:3]}
-    setting = Setting(VEHICLE, (), {}, {}, frozenset({Input.SPEED}))
+    setting = FitSetting(VEHICLE, (), {}, {}, frozenset({Input.SPEED}))
     fit = VehicleFit(list(files.values()), setting, None, np.arange(3.0), TRUTH)
     monkeypatch.setattr(many_drives, "read_bags", lambda *_, **__: (files, []))
     monkeypatch.setattr(many_drives, "begin", lambda *_: [dataclasses.replace(fit)])
     reason = f"{bags[1]}: does not tell throughout the speed"
     with pytest.raises(IdentificationError, match=re.escape(reason)):
         identify_many(bags, VEHICLE, folder=tmp_path)
-    (left_out,) = drop_untold([fit], files, None, leave_out=True)
+    (left_out,) = drop_without_inputs([fit], files, None, leave_out=True)
     assert left_out.startswith(reason)
     assert fit.files == [files[bags[0]], files[bags[2]]]
     assert fit.since.tolist() == [0.0, 2.0]
@@ -350,3 +356,22 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
         assert again.signals[sensor].jitter == signal.jitter
     for name in ("time", "steering_motor_angle", "speed"):
         assert np.array_equal(getattr(again.commands, name), getattr(drive.commands, name))
+
+
+@pytest.mark.parametrize(("pull", "shown"), [(2.0, True), (4.0, False)])
+def test_an_effect_that_is_pulled_beyond_its_bound_counts_as_in_one_fit_of_all(pull, shown):
+    k, n, std = len(VEHICLE.unknown), len(VEHICLE.unknown) + 1, 0.01
+    setting = FitSetting(VEHICLE, effects_of(VEHICLE, ["wheel-radius"]), {}, {})
+    prior = np.diag([*[12.0] * k, 1.0])
+    low, high = np.append(np.zeros(k), -2.0), np.append(np.ones(k), 2.0)
+    variables = Variables(low, high, np.append(np.full(k, 0.5), 0.0), prior)
+    at, information = np.append(np.full(k, 0.5), 2.0), np.eye(n) * std**-2
+    gradient = np.append(np.zeros(k), -pull * std * std**-2)
+    share = DriveShare(
+        "", 0.0, 1, at, 0.0, information, gradient, np.empty(0), white=False, truth={}
+    )
+    cost = VehicleCost(at, 0.0, gradient, information, gradient[None], 4 * (share,))
+    files = {file: file for file in map(Path, "abcd")}
+    fit = VehicleFit(list(files), setting, variables, np.zeros(4), at, cost)
+    found = result_of(fit, files, (), 0.95, 0)
+    assert {e.identifiable for e in found.parameters.values()} == {shown}

@@ -202,7 +202,7 @@ class VehicleWatch:
         Parameters
         ----------
         angle : float
-            Of the steering motor, as commanded [rad].
+            Commanded angle of the steering motor [rad].
         now : float
             Present time [s].
         late : bool

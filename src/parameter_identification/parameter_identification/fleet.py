@@ -17,17 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
-from excitation_planner.design.prior import PRIOR_INFORMATION
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.kept import beginning_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
+from parameter_identification.fleet_fit import FleetFit, FleetPosterior
 from parameter_identification.many_bags import read_bags, some_of
 from parameter_identification.many_drives import ManyDrives, begin, result_of
-from parameter_identification.together import Together
-from parameter_identification.vehicle_fit import descend, drop_untold
+from parameter_identification.vehicle_fit import descend, drop_without_inputs
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.effects import effects_of
@@ -159,48 +159,17 @@ def identify_fleet(
         or is named twice, or the times of the drives show no change.
     """
     _check_names(vehicle, shared, own, changing)
-    if len(bags) < FEWEST:
-        raise IdentificationError(
-            f"a fleet needs at least {FEWEST} vehicles; given: {', '.join(bags) or 'none'}"
-        )
-    every = [bag for drives in bags.values() for bag in drives]
-    if len(set(every)) < len(every):
-        twice = next(bag for bag in every if every.count(bag) > 1)
-        raise IdentificationError(f"{twice} is given twice")
-    steps = len(every) + len(bags)
+    steps = sum(map(len, bags.values())) + len(bags)
 
     def tell(done: int) -> None:
         if progress is not None:
             progress(done, steps)
 
-    known, left_out = read_bags(
-        every,
-        vehicle,
-        folder=folder,
-        executor=executor,
-        leave_out=leave_out,
-        topics=topics,
-        progress=lambda done, _: tell(done),
-        other_vehicle=other_vehicle,
-    )
-    files = {
-        name: usable
-        for name, drives in bags.items()
-        if (usable := [known[bag] for bag in drives if bag in known])
-    }
-    if len(files) < FEWEST:
-        raise IdentificationError(
-            f"a fleet needs at least {FEWEST} vehicles; with drives that can be used: "
-            f"{', '.join(files) or 'none'}{some_of(left_out)}"
-        )
-    times = {name: [beginning_of(file) for file in drives] for name, drives in files.items()}
-    when, unit = _times([time for own in times.values() for time in own])
-    seen = [name for name, own in times.items() if np.ptp(own) >= APART]
-    if changing and (math.isnan(when) or len(seen) < FEWEST):
-        raise IdentificationError(
-            f"{', '.join(changing)}: needs drives at different times, by {APART / 60.0:.0f} min or "
-            f"more, of at least {FEWEST} vehicles; so are those of: {', '.join(seen) or 'none'}"
-        )
+    files, known, left_out = _usable_drives(
+        bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
+        progress=lambda done, _: tell(done), other_vehicle=other_vehicle,
+    )  # fmt: skip
+    when, unit = _times(files, changing)
     fits = begin(
         list(files.values()),
         vehicle,
@@ -212,38 +181,101 @@ def identify_fleet(
         since=lambda time: (time - when) / unit,
         progress=lambda done, count: tell(steps - count + done),
     )
-    left_out += drop_untold(fits, known, executor, leave_out=leave_out)
+    left_out += drop_without_inputs(fits, known, executor, leave_out=leave_out)
     descend(fits, executor, list(files))
     names = list(vehicle.unknown)
-    together = Together(fits, sorted(names.index(name) for name in shared))
-    together.descend(executor)
-    found = together.result(level)
-    alike = found.shared(level)
+    fleet = FleetFit(fits, sorted(names.index(name) for name in shared))
+    fleet.descend(executor)
+    posterior = fleet.posterior(level)
+    alike = posterior.shared(level)
     vehicles = {}
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
-        one = result_of(fit, known, (), level, seed, covariance=found.covariance(i))
+        one = result_of(fit, known, (), level, seed, covariance=posterior.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
-    beyond = {name: pulled for i, name in enumerate(files) if (pulled := found.pulled(i, level))}
+    beyond = {
+        name: pulled for i, name in enumerate(files) if (pulled := posterior.pulled(i, level))
+    }
+    populated = [name for name in names if name not in (*shared, *own)]
+    populations, changes = _populations(
+        posterior, list(files), populated, changing, unit / DAY, level
+    )
+    return Fleet(
+        vehicles=vehicles,
+        populations=populations,
+        changes=changes,
+        shared=alike,
+        own=tuple(own),
+        beyond=beyond,
+        when=when,
+        left_out=tuple(left_out),
+        level=level,
+    )
+
+
+def _usable_drives(
+    bags: Mapping[str, Sequence[Path]],
+    vehicle: Vehicle,
+    *,
+    folder: Path,
+    executor: Executor | None,
+    leave_out: bool,
+    topics: TopicNames | None,
+    progress: Progress,
+    other_vehicle: bool,
+) -> tuple[dict[str, list[Path]], dict[Path, Path], list[str]]:
+    """Kept drives by vehicle, the kept drive of each bag, and why bags are left out."""
+    if len(bags) < FEWEST:
+        raise IdentificationError(
+            f"a fleet needs at least {FEWEST} vehicles; given: {', '.join(bags) or 'none'}"
+        )
+    every = [bag for drives in bags.values() for bag in drives]
+    if len(set(every)) < len(every):
+        twice = next(bag for bag in every if every.count(bag) > 1)
+        raise IdentificationError(f"{twice} is given twice")
+    known, left_out = read_bags(
+        every, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
+        progress=progress, other_vehicle=other_vehicle,
+    )  # fmt: skip
+    files = {
+        name: usable
+        for name, drives in bags.items()
+        if (usable := [known[bag] for bag in drives if bag in known])
+    }
+    if len(files) < FEWEST:
+        raise IdentificationError(
+            f"a fleet needs at least {FEWEST} vehicles; with drives that can be used: "
+            f"{', '.join(files) or 'none'}{some_of(left_out)}"
+        )
+    return files, known, left_out
+
+
+def _populations(
+    posterior: FleetPosterior,
+    vehicles: Sequence[str],
+    parameters: Sequence[str],
+    changing: Sequence[str],
+    days: float,
+    level: float,
+) -> tuple[dict[str, Population], dict[str, Population]]:
+    """Populations of parameters, and of their rates per day; `days` are the unit of rates."""
+    fit = posterior.fits[0]
+    ranges = fit.setting.vehicle.unknown
     populations, changes = {}, {}
-    for i, parameter in enumerate(names):
-        if parameter in shared or parameter in own:
-            continue
-        low, high = vehicle.unknown[parameter]
-        at = [i]
+    for parameter in parameters:
+        low, high = ranges[parameter]
+        at = [list(ranges).index(parameter)]
         if parameter in changing:
-            at.append(fits[0].variables.common + list(changing).index(parameter))
-        parts = found.without_prior(at, level)
-        showing = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
+            at.append(fit.variables.common + list(changing).index(parameter))
+        evidence = posterior.without_prior(at, level)
+        showing = [name for name, shown in zip(vehicles, evidence.shown, strict=True) if shown]
         if len(showing) < FEWEST:
             continue
         if parameter in changing:
-            per_day = (high - low) / (unit / DAY)
-            changes[parameter] = parts.population(showing, 1, (0.0, per_day), level)
-            parts = parts.with_rates(changes[parameter], per_day, level)
-        populations[parameter] = parts.population(showing, 0, (low, high - low), level)
-    return Fleet(
-        *(vehicles, populations, changes, alike, tuple(own), beyond, when, tuple(left_out), level)
-    )
+            per_day = (high - low) / days
+            changes[parameter] = evidence.population(showing, 1, (0.0, per_day), level)
+            evidence = evidence.with_rates(changes[parameter], per_day, level)
+        populations[parameter] = evidence.population(showing, 0, (low, high - low), level)
+    return populations, changes
 
 
 def _check_names(
@@ -263,10 +295,18 @@ def _check_names(
             )
 
 
-def _times(times: Sequence[float]) -> tuple[float, float]:
-    """Middle of times [s], and how far the farthest is from it: the unit of rates; or NaN."""
-    when = float(np.mean(times))
-    return when, float(np.abs(np.array(times) - when).max())
+def _times(files: Mapping[str, Sequence[Path]], changing: Sequence[str]) -> tuple[float, float]:
+    """Middle of the drives' times [s], and how far the farthest is from it, the unit of rates."""
+    times = {name: [beginning_of(file) for file in drives] for name, drives in files.items()}
+    every = np.concatenate(list(times.values()))
+    when = float(np.mean(every))
+    apart = [name for name, own in times.items() if np.ptp(own) >= APART]
+    if changing and (math.isnan(when) or len(apart) < FEWEST):
+        raise IdentificationError(
+            f"{', '.join(changing)}: needs drives at different times, by {APART / 60.0:.0f} min or "
+            f"more, of at least {FEWEST} vehicles; so are those of: {', '.join(apart) or 'none'}"
+        )
+    return when, float(np.abs(every - when).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,14 +351,17 @@ def course(found: ManyDrives, parameter: str) -> Course:
     information[:, i, i] = np.maximum(information[:, i, i], 1e-300)
     # every group has its own value; the others are off by the same in all groups
     rest = np.flatnonzero(np.arange(c) != i)
-    prior = np.append(np.full(k, PRIOR_INFORMATION), np.ones(c - k))[rest]
-    mean = np.append(np.full(k, 0.5), np.zeros(c - k))[rest]
-    pull = prior * (at.mean(axis=0)[rest] - mean)
-    arrow = Arrow(information, gradient, rest, np.diag(prior), pull)
+    prior, before = np.eye(c), BoxPrior.uniform(k)
+    prior[:k, :k] = before.information
+    prior = prior[np.ix_(rest, rest)]
+    mean = np.append(before.mean, np.zeros(c - k))[rest]
+    prior_gradient = prior @ (at.mean(axis=0)[rest] - mean)
+    arrow = Arrow(information, gradient, rest, prior, prior_gradient)
     free = np.full_like(at, np.inf)
     values = (at + arrow.step(-free, free))[:, i]
-    of_rest, alone, follow = arrow.covariances()
-    variances = alone[:, 0, 0] + np.einsum("gi,ij,gj->g", follow[:, 0], of_rest, follow[:, 0])
+    of_rest, own, sensitivity = arrow.covariances()
+    sensitivity = sensitivity[:, 0]
+    variances = own[:, 0, 0] + np.einsum("gi,ij,gj->g", sensitivity, of_rest, sensitivity)
     return Course(
         np.array([np.mean([shares[d].began for d in g]) for g in groups]),
         low + (high - low) * values,

@@ -23,7 +23,7 @@ range is not shown; where the model is wrong for the vehicle, neither is one at 
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,21 +32,21 @@ from threadpoolctl import threadpool_limits
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.estimation.bootstrap import REPEATS, Redraw, bootstrap_deviations
 from parameter_identification.estimation.checks import check_drives
-from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
+from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
-from parameter_identification.estimation.intervals import interval
+from parameter_identification.estimation.interval_correction import SCATTER, interval_correction
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.motion_model import OF_INPUT
 from parameter_identification.estimation.motions import Simulator
-from parameter_identification.estimation.observability import hidden_combinations, identifiable
+from parameter_identification.estimation.observability import hidden_combinations
 from parameter_identification.estimation.optimum import (
     Optimum,
     find_optimum,
     rough_minima,
     steps_to_optimum,
 )
-from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import ProfileCurve, profile
 from parameter_identification.estimation.results import (
@@ -59,7 +59,6 @@ from parameter_identification.estimation.results import (
     NuisanceEstimate,
     Profile,
     common_truth,
-    estimate_of,
 )
 from parameter_identification.estimation.steps import Steps
 from parameter_identification.estimation.unknown import restrict
@@ -171,28 +170,25 @@ def identify(
     known = asked if hold_others else vehicle
     everything = [*drives, *held_out]
     check_drives(everything, vehicle, other_vehicle=other_vehicle)
-    measured: frozenset[Input] = frozenset()
-    if simulator is CommandedBatch:  # others have actuators of their own
-        measured = measured_inputs(everything, vehicle, inputs)
-    elif inputs is Inputs.MEASURED:
-        raise IdentificationError("an FMU follows its commands, not what was measured")
+    measured = _measured(everything, vehicle, inputs, simulator)
     unneeded = {name for one in measured for name in OF_INPUT[one]}
     beside = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)
+    before = box_prior(known, prior)
 
     def problem_with(chosen: Sequence[Effect]) -> LeastSquares:
         models = [
             DriveModel(known, drive, chosen, simulator, measured=measured) for drive in drives
         ]
-        return LeastSquares(models, *prior_in_ranges(known, prior), loss)
+        return LeastSquares(models, before.mean, before.information, loss)
 
     # for small matrices more threads only cost
     with threadpool_limits(1, user_api="blas"), problem_with(beside) as problem:
         shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
         weighs = bool(weighed and problem.constant_effects())
+        if weighs or len(drives) >= SCATTER or redraw is not None:
+            profiles = False
         to_optimum = starts * bool(beside) + steps_to_optimum(problem, starts)
-        to_profiles = to_optimum + weighs
-        maybe_profiled = profiles and not weighs and len(drives) < SCATTER and redraw is None
-        to_end = to_profiles + len(shown) * maybe_profiled + REPEATS * (redraw is not None)
+        to_end = to_optimum + weighs + len(shown) * profiles + REPEATS * (redraw is not None)
         step = Steps(progress, to_end)
         near = None
         if beside:  # without effects a search takes a tenth of the time
@@ -204,7 +200,7 @@ def identify(
         acts: dict[str, float] = {}
         if weighs:
             optimum, average, acts = weigh_effects(problem, optimum)
-            step.pass_to(to_profiles)
+            step()
         least = None
         if redraw is not None:
             least = bootstrap_deviations(
@@ -213,30 +209,42 @@ def identify(
         predictions = problem.predictions(optimum.fit.at)
         tested = whiteness_of_residuals(problem, predictions)
         missed, missing = 0.0, None
-        if 1 < len(drives) < SCATTER or (held_out and len(drives) > 1):
+        if len(drives) > 1 and (held_out or len(drives) < SCATTER):
             cross = predict_each_other(problem, optimum, predictions)
             missed = cross.missed
             missing = cross.estimates if missed and len(drives) < SCATTER else None
-        doubt = doubt_of(
-            *(problem, optimum, average, least),
+        correction = interval_correction(
+            problem,
+            optimum,
+            average,
+            least,
             missing=missing,
             white=not coloured(tested),
             level=level,
         )
-        by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}
-        doubtful = doubt.beyond.any() or doubt.scatter > 1.0
-        for i in shown if maybe_profiled and not doubtful else ():
-            curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
-            step()
+        if profiles and not correction.beyond.any() and not correction.scatter > 1.0:
+            curves = _curves(problem, optimum, shown, level, step)
         step.pass_to(to_end)
-        model = problem.models[0]
+        optimum = replace(optimum, covariance=correction.covariance)
+        k, model = problem.k, problem.models[0]
+        estimates = estimates_of(
+            vehicle=known,
+            at=optimum.fit.at[:k],
+            std=np.sqrt(np.diag(optimum.covariance))[:k],
+            prior_std=before.std,
+            level=level,
+            beyond=correction.beyond,
+            widening=correction.widening,
+            average=average,
+            curves=curves,
+            rivals=optimum.rivals,
+        )
         return Identification(
             vehicle=vehicle.name,
             vehicle_hash=vehicle.fingerprint,
-            parameters=_estimates(problem, optimum, curves, level, average, doubt),
-            covariance=optimum.covariance[: problem.k, : problem.k]
-            * np.outer(model.width, model.width),
+            parameters=estimates,
+            covariance=optimum.covariance[:k, :k] * np.outer(model.width, model.width),
             fixed={n: v for n, v in vehicle.nominal.items() if n not in known.unknown},
             hidden=hidden_combinations(problem, optimum),
             noise=problem.noise,
@@ -253,35 +261,30 @@ def identify(
             seed=seed,
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
-            scatter=doubt.scatter,
+            scatter=correction.scatter,
             missed=math.sqrt(missed),
             measured=measured,
-            friction_used=max(
-                m.motion.friction_used(optimum.fit.at[: problem.k]) for m in problem.models
-            ),
+            friction_used=max(m.motion.friction_used(optimum.fit.at[:k]) for m in problem.models),
         ).only(asked.unknown)
 
 
-def _estimates(
-    problem: LeastSquares,
-    optimum: Optimum,
-    curves: Mapping[int, ProfileCurve],
-    level: float,
-    average: Mixture | None,
-    doubt: Doubt,
-) -> dict[str, Estimate]:
-    vehicle = problem.models[0].vehicle
-    std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
-    shown = identifiable(problem, optimum)
-    found = {}
-    for i, name in enumerate(vehicle.unknown):
-        z, own = float(optimum.fit.at[i]), float(std[i])
-        beyond, widening = bool(doubt.beyond[i]), float(doubt.widening[i])
-        found[name] = estimate_of(
-            *(vehicle, name, z, own),
-            interval(i, z, own, level, beyond=beyond, average=average, widening=widening),
-            shown=bool(shown[i]),
-            curve=curves.get(i),
-            rivals=[float(rival[i]) for rival in optimum.rivals],
-        )
-    return found
+def _measured(
+    drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs, simulator: Simulator
+) -> frozenset[Input]:
+    """What moves as measured; other simulators than our own have actuators of their own."""
+    if simulator is CommandedBatch:
+        return measured_inputs(drives, vehicle, inputs)
+    if inputs is Inputs.MEASURED:
+        raise IdentificationError("an FMU follows its commands, not what was measured")
+    return frozenset()
+
+
+def _curves(
+    problem: LeastSquares, optimum: Optimum, shown: Sequence[int], level: float, step: Steps
+) -> dict[int, ProfileCurve]:
+    """Profile likelihoods of some parameters, by number."""
+    curves = {}
+    for i in shown:
+        curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
+        step()
+    return curves

@@ -26,6 +26,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.noise import STANDSTILL, MeasurementNoise
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan
 from excitation_planner.planning.prediction import predicted_progress
 from parameter_identification.drives.measured import (
@@ -42,7 +43,7 @@ from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import ROUGH, settled
-from parameter_identification.estimation.prior import GaussianPrior, box_prior, prior_in_ranges
+from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, with_deviation
@@ -250,7 +251,7 @@ class _Drive:
     commands: Commands
     start: int  # ns
     planned: Planned | None
-    prior: tuple[FloatArray, FloatArray]  # mean and information in ranges
+    prior: BoxPrior
     fit: _LastFit = field(default_factory=_LastFit)  # which its snapshots share
     steered: float | None = None  # largest angle of the steering motor either way, rad
     lead_in: float = 0.0  # its end, s
@@ -398,7 +399,7 @@ class LiveIdentification:
         lead_in : float
             Time until which what is played steers, in place of the commands [s].
         """
-        known = prior_in_ranges(self._vehicle, prior)
+        known = box_prior(self._vehicle, prior)
         self._drive = _Drive(commands, start, planned, known, lead_in=lead_in)
         self.began_anew = False
 
@@ -590,7 +591,9 @@ class LiveIdentification:
         model = DriveModel(self._vehicle, measured)
         with (
             threadpool_limits(1, user_api="blas"),
-            LeastSquares([model], *drive.prior, Loss.SQUARED) as problem,
+            LeastSquares(
+                [model], drive.prior.mean, drive.prior.information, Loss.SQUARED
+            ) as problem,
         ):
             problem.noise |= {s: level for s, level in drive.fit.noise.items() if s in signals}
             fit = problem.minimise(drive.variables(problem), tolerance=ROUGH)

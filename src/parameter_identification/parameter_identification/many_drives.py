@@ -13,7 +13,6 @@ scatter more than their noise explains, the deviations are therefore those of th
 are counted.
 """
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -22,32 +21,29 @@ from typing import Self
 
 import numpy as np
 
-from excitation_planner.design.prior import SHOWN
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.kept import beginning_of, load_kept, measured_in
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
-from parameter_identification.estimation.doubt import CONTRADICTING, with_prior_variance
-from parameter_identification.estimation.intervals import interval
+from parameter_identification.estimation.estimates import estimates_of
+from parameter_identification.estimation.interval_correction import corrected
 from parameter_identification.estimation.mixture import Mixture, mixture_of
-from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
-from parameter_identification.estimation.problem import at_bounds
+from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.results import (
     EffectEstimate,
     Estimate,
     asked_for,
     common_truth,
-    estimate_of,
 )
-from parameter_identification.estimation.shares import DriveShare, Setting, first_fit
+from parameter_identification.estimation.shares import DriveShare, FitSetting, first_fit
 from parameter_identification.estimation.weighing import CERTAIN
 from parameter_identification.estimation.whiteness import SIGNIFICANCE
 from parameter_identification.many_bags import read_bags, some_of
 from parameter_identification.vehicle_fit import (
     Variables,
     VehicleFit,
-    beyond_of,
     descend,
-    drop_untold,
+    drop_without_inputs,
     growth_of,
 )
 from parameter_identification.workers import each
@@ -207,7 +203,7 @@ def identify_many(
     if not files:
         raise IdentificationError(f"no drive: nothing to identify from{some_of(left_out)}")
     (fit,) = fits = begin([list(files.values())], vehicle, beside, prior, seed, executor)
-    left_out += drop_untold(fits, files, executor, leave_out=leave_out)
+    left_out += drop_without_inputs(fits, files, executor, leave_out=leave_out)
     descend(fits, executor)
     average = None
     if weighed and fit.setting.shared:
@@ -250,21 +246,21 @@ def begin(
     progress : callable, optional
         Called with the number of vehicles done and in all.
     """
-    mean, information = prior_in_ranges(vehicle, prior)
-    jobs = [(own, vehicle, tuple(effects), (mean, information), seed) for own in files]
+    before = box_prior(vehicle, prior)
+    jobs = [(own, vehicle, tuple(effects), before, seed) for own in files]
     found = []
     for own, (setting, at) in zip(files, each(executor, _begin, jobs), strict=True):
-        shared, k, names = setting.shared, len(mean), list(vehicle.unknown)
+        shared, k, names = setting.shared, len(before.mean), list(vehicle.unknown)
         rates = tuple(names.index(name) for name in changing)
         precisions = np.append(np.ones(len(shared)), np.full(len(rates), RATE**-2))
         n = k + len(precisions)
         whole = np.diag(np.append(np.zeros(k), precisions))
-        whole[:k, :k] = information
+        whole[:k, :k] = before.information
         free = np.full(len(rates), np.inf)
         variables = Variables(
             np.concatenate([np.zeros(k), [e.low / e.std for e in shared], -free]),
             np.concatenate([np.ones(k), [e.high / e.std for e in shared], free]),
-            np.append(mean, np.zeros(n - k)),
+            np.append(before.mean, np.zeros(n - k)),
             whole,
             rates,
         )
@@ -280,8 +276,8 @@ def begin(
 
 
 def _begin(
-    job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], tuple[FloatArray, FloatArray], int],
-) -> tuple[Setting, FloatArray]:
+    job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], BoxPrior, int],
+) -> tuple[FitSetting, FloatArray]:
     """The best fit of a few drives, among them one with each sensor, and the sensors' noise."""
     files, vehicle, effects, prior, seed = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
@@ -309,12 +305,12 @@ class _Average:
 
 def _weigh(fit: VehicleFit) -> _Average:
     """Average over effects that all drives have in common; go to the most probable ones."""
-    here, variables = fit.sum, fit.variables
+    here, variables = fit.quadratic, fit.variables
     first = len(fit.setting.vehicle.unknown)
     effects = range(first, first + len(fit.setting.shared))
     mixture = mixture_of(
         here.information,
-        here.pull,
+        here.rhs,
         [[i] for i in effects],
         [effect.chance for effect in fit.setting.shared],
         {i: variables.low[i] for i in effects if variables.low[i] > -CERTAIN},
@@ -363,35 +359,33 @@ def result_of(
     average : _Average, optional
         Over subsets of the effects.
     """
-    here, setting, at = fit.sum, fit.setting, fit.at
+    here, setting, at = fit.quadratic, fit.setting, fit.at
     growth, factors = growth_of(fit, level)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
         covariance = here.covariance()
-    k, vehicle = len(setting.vehicle.unknown), setting.vehicle
+    k, vehicle, bounds = len(setting.vehicle.unknown), setting.vehicle, fit.variables
     width = np.array([high - low for low, high in vehicle.unknown.values()])
-    before = np.asarray(np.linalg.inv(fit.variables.information), dtype=np.float64)[:k, :k]
     mixture = None if average is None else average.mixture
-    beyond = beyond_of(fit, factors, mixture)
-    bounds, drives = fit.variables, here.shares
-    white = few_coloured(sum(not share.white for share in drives), len(drives))
-    if not white or growth[:k].max() > CONTRADICTING:
-        beyond |= at_bounds(at, bounds.low, bounds.high)[:k].any()  # as in `doubt_of`
-    by_noise = np.sqrt(np.diag(covariance))
-    covariance = with_prior_variance(covariance * np.outer(factors, factors), before, beyond)
+    drives = here.shares
+    correction = corrected(
+        at,
+        here,
+        covariance,
+        factors,
+        bounds.prior_covariance[:k, :k],
+        (bounds.low, bounds.high),
+        average=mixture,
+        scatter=float(growth[:k].max()),
+        wrong=not few_coloured(sum(not share.white for share in drives), len(drives)),
+    )
+    covariance = correction.covariance
     std = np.sqrt(np.diag(covariance))
-    estimates = {}
-    for i, name in enumerate(vehicle.unknown):
-        z, own, widening = float(at[i]), float(std[i]), float(std[i] / by_noise[i])
-        ends = interval(
-            *(i, z, own, level),
-            beyond=bool(beyond[i]),
-            average=mixture,
-            widening=widening,
-        )
-        shown = own <= SHOWN * math.sqrt(before[i, i])
-        estimates[name] = estimate_of(vehicle, name, z, own, ends, shown=shown)
+    estimates = estimates_of(
+        vehicle, at[:k], std[:k], bounds.prior_std[:k], level,
+        beyond=correction.beyond, widening=correction.widening, average=mixture,
+    )  # fmt: skip
     acts = [None] * len(setting.shared) if average is None else average.acts
     effects = [
         EffectEstimate(e.name, e.unit, e.std * float(v), e.std * float(s), e.std, acts=known)
@@ -406,16 +400,16 @@ def result_of(
     names = _names_of([bags[file] for file in fit.files])
     shares = [replace(s, name=name) for s, name in zip(here.shares, names, strict=True)]
     return ManyDrives(
-        estimates,
-        covariance[:k, :k] * np.outer(width, width),
-        float(growth[:k].max()),
-        tuple(shares),
-        tuple(left_out),
-        common_truth(share.truth for share in here.shares),
-        vehicle.name,
-        vehicle.fingerprint,
-        level,
-        tuple(effects),
+        parameters=estimates,
+        covariance=covariance[:k, :k] * np.outer(width, width),
+        scatter=correction.scatter,
+        drives=tuple(shares),
+        left_out=tuple(left_out),
+        truth=common_truth(share.truth for share in here.shares),
+        vehicle=vehicle.name,
+        vehicle_hash=vehicle.fingerprint,
+        level=level,
+        effects=tuple(effects),
         measured=setting.measured,
         seed=seed,
     )

@@ -1,4 +1,4 @@
-"""The drives of a vehicle: what they say of its variables at a point, and the search for their fit.
+"""The cost of a vehicle's drives, evaluated through an executor, and its minimisation.
 
 Every pass over the drives goes through an executor. Each drive is reduced to its share
 (`estimation.shares`), and the shares are summed with the prior; the variables of a vehicle are
@@ -10,23 +10,28 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.kept import load_kept
-from parameter_identification.estimation.doubt import beyond_ranges, scatter_factors
-from parameter_identification.estimation.mixture import Mixture
+from parameter_identification.estimation.interval_correction import scatter_factors
 from parameter_identification.estimation.quadratic import Quadratic
-from parameter_identification.estimation.shares import DriveShare, Setting, share_of, untold
+from parameter_identification.estimation.shares import (
+    DriveShare,
+    FitSetting,
+    missing_inputs,
+    share_of,
+)
 from parameter_identification.workers import each
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 
-TOGETHER = 4  # drives of one task of the executor
+DRIVES_PER_TASK = 4  # of the executor
 PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
+SHORTENED = 0.3  # share of a step that is tried where the step does not lower the cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +61,16 @@ class Variables:
         """Number c of variables that a drive has in common with the others."""
         return len(self.mean) - len(self.changing)
 
+    @property
+    def prior_covariance(self) -> FloatArray:
+        """Covariance (n, n) of the prior."""
+        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+
+    @property
+    def prior_std(self) -> FloatArray:
+        """Marginal standard deviations (n,) of the prior."""
+        return np.sqrt(np.diag(self.prior_covariance))
+
     def of_drive(self, since: float) -> FloatArray:
         """Return the matrix (c, n) that gives the common variables of a drive.
 
@@ -70,8 +85,8 @@ class Variables:
 
 
 @dataclass(frozen=True, eq=False)
-class Sum(Quadratic):
-    """What drives and prior say of variables (n,) near a point.
+class VehicleCost(Quadratic):
+    """The cost of a vehicle's drives and its prior near a point, to the second order.
 
     Attributes
     ----------
@@ -87,39 +102,44 @@ class Sum(Quadratic):
 
 @dataclass(eq=False)
 class VehicleFit:
-    """The drives of one vehicle, and where their best fit is looked for.
+    """The drives of one vehicle, and the state of the search for their best fit.
 
     Attributes
     ----------
     files : sequence of Path
         Kept drives.
-    setting : Setting
-        How they are looked at.
+    setting : FitSetting
+        Vehicle, effects and noise by which the drives are fitted.
     variables : Variables
         Of the vehicle.
     since : ndarray of float, shape (d,)
         Time of each drive, in units of the rates.
     at : ndarray of float, shape (n,)
         The point.
-    here : Sum, optional
-        What the drives say there, or close by.
+    here : VehicleCost, optional
+        The cost there, or close by.
     """
 
     files: Sequence[Path]
-    setting: Setting
+    setting: FitSetting
     variables: Variables
     since: FloatArray
     at: FloatArray
-    here: Sum | None = field(default=None)
+    here: VehicleCost | None = field(default=None)
 
     @property
-    def sum(self) -> Sum:
-        """What the drives said last."""
+    def quadratic(self) -> VehicleCost:
+        """The cost that was evaluated last."""
         if self.here is None:
-            raise ValueError("the drives were not looked at yet")
+            raise ValueError("the cost was not evaluated yet")
         return self.here
 
-    def trial(self, length: float) -> tuple[FloatArray, float]:
+    @property
+    def fits(self) -> "tuple[VehicleFit, ...]":
+        """The vehicle itself, as the only one of its search."""
+        return (self,)
+
+    def trial(self, length: float) -> tuple[list[FloatArray], float]:
         """Return the point (n,) of the next step, and by how much it lowers the quadratic cost.
 
         Parameters
@@ -128,18 +148,57 @@ class VehicleFit:
             Share of the step that is made.
         """
         low, high = self.variables.low, self.variables.high
-        step = length * self.sum.step(low, high)
-        return np.clip(self.at + step, low, high), self.sum.decrease(step)
+        step = length * self.quadratic.step(low, high)
+        return [np.clip(self.at + step, low, high)], self.quadratic.decrease(step)
+
+    def total(self, costs: Sequence[VehicleCost]) -> float:
+        """Return the cost that is minimised.
+
+        Parameters
+        ----------
+        costs : sequence of VehicleCost
+            The one of this vehicle.
+        """
+        return costs[0].cost
 
 
-def drop_untold(
+class Search(Protocol):
+    """Vehicles whose common cost is minimised step by step."""
+
+    @property
+    def fits(self) -> Sequence[VehicleFit]:
+        """The vehicles."""
+        ...
+
+    def trial(self, length: float) -> tuple[list[FloatArray], float]:
+        """Return the point (n,) of each vehicle after a step, and the decrease of the cost by it.
+
+        Parameters
+        ----------
+        length : float
+            Share of the step that is made.
+        """
+        ...
+
+    def total(self, costs: Sequence[VehicleCost]) -> float:
+        """Return the cost that is minimised.
+
+        Parameters
+        ----------
+        costs : sequence of VehicleCost
+            Of each vehicle.
+        """
+        ...
+
+
+def drop_without_inputs(
     fits: Sequence[VehicleFit],
     files: Mapping[Path, Path],
     executor: Executor | None,
     *,
     leave_out: bool,
 ) -> list[str]:
-    """Drop drives that do not tell what moves as measured in others of their vehicle; return why.
+    """Drop drives without an input that moves as measured in others of their vehicle; return why.
 
     Parameters
     ----------
@@ -160,7 +219,9 @@ def drop_untold(
     bags = {file: bag for bag, file in files.items()}
     reasons = []
     needing = [fit for fit in fits if fit.setting.measured]
-    found = each(executor, _untold, [(fit.setting, file) for fit in needing for file in fit.files])
+    found = each(
+        executor, _missing_inputs, [(fit.setting, file) for fit in needing for file in fit.files]
+    )
     for fit in needing:
         told = []
         for file, reason in zip(fit.files, itertools.islice(found, len(fit.files)), strict=True):
@@ -174,15 +235,15 @@ def drop_untold(
     return reasons
 
 
-def _untold(job: tuple[Setting, Path]) -> str:
+def _missing_inputs(job: tuple[FitSetting, Path]) -> str:
     setting, file = job
-    return untold(setting, load_kept(file))
+    return missing_inputs(setting, load_kept(file))
 
 
-def look(
+def evaluate(
     fits: Sequence[VehicleFit], points: Sequence[FloatArray], executor: Executor | None
-) -> list[Sum]:
-    """Return what the drives of vehicles say at points; one pass over all of them.
+) -> list[VehicleCost]:
+    """Return the cost of vehicles near points, by one pass over all their drives.
 
     Parameters
     ----------
@@ -203,20 +264,20 @@ def look(
         before: list[FloatArray | None] = [None] * drives
         if fit.here is not None:
             before = [share.own for share in fit.here.shares]
-        for first in range(0, drives, TOGETHER):
-            some = slice(first, first + TOGETHER)
+        for first in range(0, drives, DRIVES_PER_TASK):
+            some = slice(first, first + DRIVES_PER_TASK)
             jobs.append((fit.setting, fit.files[some], places[some], before[some]))
-    shares = itertools.chain.from_iterable(each(executor, _look, jobs))
+    shares = itertools.chain.from_iterable(each(executor, _evaluate, jobs))
     return [
         _summed(s.variables, point, of_drives, list(itertools.islice(shares, len(s.files))))
         for s, point, of_drives in zip(fits, points, designs, strict=True)
     ]
 
 
-def _look(
-    job: tuple[Setting, Sequence[Path], Sequence[FloatArray], Sequence[FloatArray | None]],
+def _evaluate(
+    job: tuple[FitSetting, Sequence[Path], Sequence[FloatArray], Sequence[FloatArray | None]],
 ) -> list[DriveShare]:
-    """What each of some drives says at its point; its own variables are searched from the last."""
+    """The shares of some drives at their points; each drive's own variables start at the last."""
     setting, files, places, before = job
     with threadpool_limits(1, user_api="blas"):
         return [
@@ -230,58 +291,65 @@ def _summed(
     point: FloatArray,
     of_drives: Sequence[FloatArray],
     shares: Sequence[DriveShare],
-) -> Sum:
+) -> VehicleCost:
     """The sum in the order of the drives, so that it is the same on every executor."""
     off = point - variables.mean
-    pull = variables.information @ off
+    prior_gradient = variables.information @ off
     slopes = np.array([d.T @ s.gradient for d, s in zip(of_drives, shares, strict=True)])
     information = variables.information + sum(
         d.T @ s.information @ d for d, s in zip(of_drives, shares, strict=True)
     )
-    cost = float(off @ pull) + sum(share.cost for share in shares)
-    return Sum(point, cost, pull + slopes.sum(axis=0), information, slopes, tuple(shares))
+    cost = float(off @ prior_gradient) + sum(share.cost for share in shares)
+    return VehicleCost(
+        point, cost, prior_gradient + slopes.sum(axis=0), information, slopes, tuple(shares)
+    )
 
 
 def descend(
-    fits: Sequence[VehicleFit], executor: Executor | None, names: Sequence[str] = ()
+    searches: Sequence[Search], executor: Executor | None, names: Sequence[str] = ()
 ) -> None:
-    """Bring each vehicle to the best fit of its drives, all in the same passes.
+    """Bring the vehicles of each search to their least cost, all in the same passes.
 
     Parameters
     ----------
-    fits : sequence of VehicleFit
-        The vehicles.
+    searches : sequence of Search
+        They have no vehicle in common.
     executor : concurrent.futures.Executor, optional
         Default: this process.
     names : sequence of str
-        Of the vehicles, for the message.
+        Of the searches, for the message.
 
     Raises
     ------
     IdentificationError
         If one has no minimum.
     """
-    found = look(fits, [fit.at for fit in fits], executor)
-    for fit, there in zip(fits, found, strict=True):
-        fit.here = there
-    lengths = dict.fromkeys(range(len(fits)), 1.0)
+    every = [fit for search in searches for fit in search.fits]
+    for fit, cost in zip(every, evaluate(every, [f.at for f in every], executor), strict=True):
+        fit.here = cost
+    lengths = dict.fromkeys(range(len(searches)), 1.0)
     for _ in range(PASSES):
         trials = {}
         for i in list(lengths):
-            point, decrease = fits[i].trial(lengths[i])
+            points, decrease = searches[i].trial(lengths[i])
             if decrease < TOLERANCE:
-                fits[i].at = point
+                for fit, point in zip(searches[i].fits, points, strict=True):
+                    fit.at = point
                 del lengths[i]
             else:
-                trials[i] = point
+                trials[i] = points
         if not trials:
             return
-        found = look([fits[i] for i in trials], list(trials.values()), executor)
-        for (i, point), there in zip(trials.items(), found, strict=True):
-            if there.cost < fits[i].sum.cost:
-                fits[i].at, fits[i].here, lengths[i] = point, there, 1.0
+        moved = [fit for i in trials for fit in searches[i].fits]
+        found = iter(evaluate(moved, list(itertools.chain(*trials.values())), executor))
+        for i, points in trials.items():
+            search, costs = searches[i], list(itertools.islice(found, len(points)))
+            if search.total(costs) < search.total([fit.quadratic for fit in search.fits]):
+                lengths[i] = 1.0
+                for fit, point, cost in zip(search.fits, points, costs, strict=True):
+                    fit.at, fit.here = point, cost
             else:
-                lengths[i] *= 0.3
+                lengths[i] *= SHORTENED
     whose = f"{', '.join(names[i] for i in lengths)}: " if names else ""
     raise IdentificationError(f"{whose}no minimum after {PASSES} passes over the drives")
 
@@ -296,27 +364,6 @@ def growth_of(fit: VehicleFit, level: float) -> tuple[FloatArray, FloatArray]:
     level : float
         Probability of the intervals.
     """
-    return scatter_factors(fit.sum.covariance(), fit.sum.slopes, fit.variables.information, level)
-
-
-def beyond_of(
-    fit: VehicleFit, factors: FloatArray, average: Mixture | None = None
-) -> NDArray[np.bool_]:
-    """Return which parameters (k,) the drives pull beyond their ranges.
-
-    Parameters
-    ----------
-    fit : VehicleFit
-        At the best fit.
-    factors : ndarray of float, shape (n,)
-        Those of `growth_of` for intervals.
-    average : Mixture, optional
-        Over subsets of the effects.
-    """
-    here, k = fit.sum, len(fit.setting.vehicle.unknown)
-    free, std = here.minimum(), np.sqrt(np.diag(here.covariance()))
-    if average is not None:
-        free, std = average.mean, average.standard_deviations
-    std = factors * std
-    low, high = fit.variables.low, fit.variables.high
-    return beyond_ranges(*(values[:k] for values in (fit.at, free, std, low, high)))
+    return scatter_factors(
+        fit.quadratic.covariance(), fit.quadratic.slopes, fit.variables.information, level
+    )

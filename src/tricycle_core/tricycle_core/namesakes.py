@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 UNNAMED = "_NODE_NAME_UNKNOWN_"
-"""Of an endpoint that was discovered before its node."""
+"""How the name of a node ends whose endpoint was discovered before it."""
 
 FORGOTTEN = 20
 """Time after which the middleware forgets a node that did not end well, at most [s]."""
@@ -23,7 +23,7 @@ def full_name(namespace: str, name: str) -> str:
     namespace : str
         As the graph tells it, `/` or `/first`.
     name : str
-        Of the node.
+        Name of the node.
     """
     return f"{namespace.rstrip('/')}/{name}"
 
@@ -34,7 +34,7 @@ def namesakes(names: Iterable[str]) -> str:
     Parameters
     ----------
     names : iterable of str
-        Of nodes, or of the nodes of endpoints.
+        Names of nodes, or of the nodes of endpoints.
     """
     doubled = {
         name: count

@@ -31,7 +31,7 @@ def places(group):
 def dense(of):
     size = 2 + 2 * V
     information, gradient = np.zeros((size, size)), np.zeros(size)
-    information[:2, :2], gradient[:2] = of.prior, of.pull
+    information[:2, :2], gradient[:2] = of.prior_information, of.prior_gradient
     for group in range(V):
         at = places(group)
         information[np.ix_(at, at)] += of.information[group]
@@ -45,12 +45,12 @@ def test_step_and_covariances_are_those_of_the_dense_system():
     step = of.step(np.full((V, N), -np.inf), np.full((V, N), np.inf))
     expected = np.linalg.solve(information, -gradient)
     covariance = np.linalg.inv(information)
-    common, alone, follow = of.covariances()
+    common, alone, sensitivity = of.covariances()
     assert common == pytest.approx(covariance[:2, :2])
     for a in range(V):
         assert step[a] == pytest.approx(expected[places(a)])
         for b in range(V):
-            block = follow[a] @ common @ follow[b].T + (alone[a] if a == b else 0.0)
+            block = sensitivity[a] @ common @ sensitivity[b].T + (alone[a] if a == b else 0.0)
             at = np.ix_(places(a)[OWN], places(b)[OWN])
             assert block == pytest.approx(covariance[at])
     lowers = -(2.0 * gradient @ expected + expected @ information @ expected)
@@ -75,8 +75,8 @@ def test_without_common_variables_groups_are_alone():
     of = arrow(1)
     none = Arrow(of.information, of.gradient, np.array([], int), np.empty((0, 0)), np.empty(0))
     step = none.step(np.full((V, N), -np.inf), np.full((V, N), np.inf))
-    _, alone, follow = none.covariances()
-    assert follow.shape == (V, N, 0)
+    _, alone, sensitivity = none.covariances()
+    assert sensitivity.shape == (V, N, 0)
     for group in range(V):
         assert step[group] == pytest.approx(
             np.linalg.solve(of.information[group], -of.gradient[group])

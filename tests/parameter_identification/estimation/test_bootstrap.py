@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from simulated_drives import HIGH, LOW, NAMES, TRUTH, VEHICLE, commands_of_pair, driven
 
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.measured import MeasuredDrive
 from parameter_identification.estimation.bootstrap import bootstrap_deviations
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.optimum import Optimum
-from parameter_identification.estimation.prior import prior_in_ranges
 from parameter_identification.estimation.problem import Fit, LeastSquares, Loss
 from parameter_identification.estimation.results import Identification
 from parameter_identification.identification import identify
 
+PRIOR = BoxPrior.uniform(len(NAMES))
 TOLD = 0.995  # of the steering that was commanded, here
 
 
@@ -63,7 +64,7 @@ def test_what_is_redrawn_of_a_fit_at_the_ends_of_ranges_is_in_them() -> None:
         raise InterruptedError
 
     model = DriveModel(VEHICLE, measured(TRUTH, 0)[0])
-    with LeastSquares([model], *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as problem:
+    with LeastSquares([model], PRIOR.mean, PRIOR.information, Loss.SQUARED) as problem:
         at_the_ends = Optimum(Fit(np.ones(problem.n), 0.0), np.eye(problem.n), (), (1, 1))
         with pytest.raises(InterruptedError):
             bootstrap_deviations(

@@ -19,7 +19,7 @@ from parameter_identification.estimation.inputs import (
     speed_misfits,
 )
 from parameter_identification.estimation.model import DriveModel
-from parameter_identification.estimation.prior import prior_in_ranges
+from parameter_identification.estimation.prior import box_prior
 from parameter_identification.estimation.shares import first_fit, share_of
 from parameter_identification.identification import identify
 from tricycle_core.errors import IdentificationError
@@ -200,7 +200,7 @@ def test_intervals_hold_behind_a_speed_loop_of_another_kind(worlds):
 def test_drives_one_by_one_turn_their_wheels_as_measured_too(worlds):
     drives = drives_in(worlds, "speed loop of another kind")
     effects = effects_of(VEHICLE, ["speed-loop", "wheel-radius"])
-    prior = prior_in_ranges(VEHICLE, None)
+    prior = box_prior(VEHICLE, None)
     setting, at = first_fit(drives, VEHICLE, effects, prior, 0)
     assert setting.measured == {Input.SPEED}
     shares_found = [share_of(setting, drive, at) for drive in drives]

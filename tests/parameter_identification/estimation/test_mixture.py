@@ -58,15 +58,15 @@ def test_the_search_of_many_effects_loses_no_more_than_it_may(seed):
     design[:, -1] = design[:, -2] + 0.2 * rng.normal(size=40)
     size = rng.normal(size=design.shape[1]) * (rng.uniform(size=design.shape[1]) < 0.4)
     information = design.T @ design + np.eye(design.shape[1])
-    pull = design.T @ (design @ size + rng.normal(size=40))
+    rhs = design.T @ (design @ size + rng.normal(size=40))
     chances = rng.uniform(0.02, 0.8, size=effects)
     groups = [[PARAMETERS + g] for g in range(effects)]
-    found = mixture_of(information, pull, groups, chances)
+    found = mixture_of(information, rhs, groups, chances)
     evidence, subsets = [], list(product((False, True), repeat=effects))
     for acting in subsets:
         kept = np.append(np.full(PARAMETERS, True), acting)
         own = information[np.ix_(kept, kept)]
-        fits = 0.5 * pull[kept] @ np.linalg.solve(own, pull[kept]) - 0.5 * np.linalg.slogdet(own)[1]
+        fits = 0.5 * rhs[kept] @ np.linalg.solve(own, rhs[kept]) - 0.5 * np.linalg.slogdet(own)[1]
         evidence.append(fits + np.dot(acting, logit(chances)))
     assert found.evidence == pytest.approx(logsumexp(evidence), abs=2 * NEGLECTED)
     weights = np.exp(np.array(evidence) - logsumexp(evidence))
@@ -78,9 +78,9 @@ def test_the_search_of_many_effects_loses_no_more_than_it_may(seed):
 def test_an_effect_with_a_least_value_is_weighed_as_by_integration():
     design, seen = linear(2, 0.4)
     information = design.T @ design / NOISE**2 + np.eye(6)
-    pull = design.T @ seen / NOISE**2
+    rhs = design.T @ seen / NOISE**2
     one = [*range(PARAMETERS), 3]  # the only effect; it cannot be negative
-    found = mixture_of(information[np.ix_(one, one)], pull[one], [[2]], [0.1], {2: 0.0})
+    found = mixture_of(information[np.ix_(one, one)], rhs[one], [[2]], [0.1], {2: 0.0})
     rng = np.random.default_rng(0)
     draws = rng.standard_normal((400_000, 3))
     draws[:, 2] = np.abs(draws[:, 2])

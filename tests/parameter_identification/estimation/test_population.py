@@ -88,7 +88,7 @@ def test_units_do_not_matter(shift, factor):
 def test_an_error_that_all_have_in_common_widens_the_mean_and_moves_no_vehicle_from_the_others():
     _, estimates, deviations = drawn(np.random.default_rng(4), 12)
     plain = population(names(12), estimates, deviations)
-    found = population(names(12), estimates, deviations, together=np.full((12, 1), 50.0))
+    found = population(names(12), estimates, deviations, common_errors=np.full((12, 1), 50.0))
     half = [0.5 * (p.mean.high - p.mean.low) for p in (plain, found)]
     assert half[1] == pytest.approx(np.hypot(half[0], 1.96 * 50.0), rel=0.02)
     assert found.spread.middle == pytest.approx(plain.spread.middle, rel=1e-6)
@@ -99,10 +99,10 @@ def test_an_error_that_all_have_in_common_widens_the_mean_and_moves_no_vehicle_f
 
 def test_errors_in_common_do_not_count_as_spread():
     rng = np.random.default_rng(5)
-    together = rng.uniform(-60.0, 60.0, (40, 1))
+    common = rng.uniform(-60.0, 60.0, (40, 1))
     deviations = np.full(40, 5.0)
-    estimates = 600.0 + 1.5 * together[:, 0] + 10.0 * rng.standard_normal(40)
-    found = population(names(40), estimates, deviations, together=together)
+    estimates = 600.0 + 1.5 * common[:, 0] + 10.0 * rng.standard_normal(40)
+    found = population(names(40), estimates, deviations, common_errors=common)
     assert found.spread.high < 15.0
     assert found.mean.low < 600.0 < found.mean.high
 
@@ -114,12 +114,14 @@ def test_the_interval_of_an_odd_vehicle_counts_what_it_shares_with_others():
     for _ in range(fleets):
         true = rng.standard_normal(count)
         true[0] += 30.0
-        together = rng.normal(1.0, 0.1, count)
-        estimates = true + 0.3 * rng.standard_normal(count) + together * rng.standard_normal()
-        found = population(names(count), estimates, np.full(count, 0.3), together=together[:, None])
+        common = rng.normal(1.0, 0.1, count)
+        estimates = true + 0.3 * rng.standard_normal(count) + common * rng.standard_normal()
+        found = population(
+            names(count), estimates, np.full(count, 0.3), common_errors=common[:, None]
+        )
         odd, value = found.members[0], found.members[0].value
         if odd.odd:
-            assert odd.deviation == pytest.approx(np.hypot(0.3, together[0]))
+            assert odd.deviation == pytest.approx(np.hypot(0.3, common[0]))
             held.append(value.low <= true[0] <= value.high)
     assert len(held) > 0.9 * fleets
     assert np.mean(held) > 0.9

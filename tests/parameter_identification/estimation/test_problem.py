@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, driven_pair, shares
 
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.model import DriveModel
-from parameter_identification.estimation.observability import hidden_combinations, identifiable
+from parameter_identification.estimation.observability import hidden_combinations
 from parameter_identification.estimation.optimum import find_optimum, steps_to_optimum
-from parameter_identification.estimation.prior import prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import profile
 from parameter_identification.estimation.validation import (
@@ -19,6 +20,8 @@ from parameter_identification.estimation.validation import (
     whiteness_of_residuals,
 )
 from tricycle_sim.effects import effects_of
+
+PRIOR = BoxPrior.uniform(len(NAMES))
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +32,7 @@ def pair():
 @pytest.fixture(scope="module")
 def problem(pair):
     models = [DriveModel(VEHICLE, drive) for drive in pair]
-    with LeastSquares(models, *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as problem:
+    with LeastSquares(models, PRIOR.mean, PRIOR.information, Loss.SQUARED) as problem:
         yield problem
 
 
@@ -75,10 +78,17 @@ def test_the_optimum_is_near_the_truth_and_so_is_the_noise(problem, optimum):
     assert optimum.rivals == ()
 
 
+def estimates_at(problem, optimum):
+    std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
+    beyond = np.zeros(problem.k, dtype=bool)
+    at = optimum.fit.at[: problem.k]
+    return estimates_of(VEHICLE, at, std, PRIOR.std, 0.95, beyond=beyond, rivals=optimum.rivals)
+
+
 def test_what_is_hidden_is_what_is_not_identifiable(problem, optimum):
-    shown = dict(zip(NAMES, identifiable(problem, optimum), strict=True))
-    assert shown["cornering_stiffness"]
-    assert not shown["self_aligning_stiffness"]
+    estimates = estimates_at(problem, optimum)
+    assert estimates["cornering_stiffness"].identifiable
+    assert not estimates["self_aligning_stiffness"].identifiable
     hidden = hidden_combinations(problem, optimum)
     assert "self_aligning_stiffness" in hidden[0].weights
     assert all(0.5 <= combination.remaining <= 1.0 for combination in hidden)
@@ -86,7 +96,9 @@ def test_what_is_hidden_is_what_is_not_identifiable(problem, optimum):
 
 def test_nothing_is_identifiable_where_other_parameters_fit_as_well(problem, optimum):
     ambiguous = dataclasses.replace(optimum, rivals=(np.full(problem.k, 0.5),))
-    assert not identifiable(problem, ambiguous).any()
+    for estimate in estimates_at(problem, ambiguous).values():
+        assert not estimate.identifiable
+        assert estimate.low <= sum(estimate.range) / 2.0 <= estimate.high
 
 
 def test_a_profile_agrees_with_the_linear_interval(problem, optimum):
@@ -107,7 +119,7 @@ def test_a_drive_left_out_leaves_what_the_others_find_alone(problem, optimum):
     for drive, (found, covariance, own_cost) in enumerate(problem.by_the_others(v, free)):
         left, shared = 1 - drive, slice(problem.k)
         with LeastSquares(
-            [problem.models[left]], *prior_in_ranges(VEHICLE, None), Loss.SQUARED
+            [problem.models[left]], PRIOR.mean, PRIOR.information, Loss.SQUARED
         ) as one:
             one.noise = problem.noise
             at = np.append(np.arange(problem.k), problem.nuisances_at(left))
@@ -157,5 +169,5 @@ def test_an_effect_of_all_drives_is_what_each_of_them_allows(pair, first):
     )
     effects = effects_of(VEHICLE, ["servo-dead-time"])
     models = [DriveModel(VEHICLE, drive, effects) for drive in drives]
-    with LeastSquares(models, *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as both:
+    with LeastSquares(models, PRIOR.mean, PRIOR.information, Loss.SQUARED) as both:
         assert both.low[both.k] == 0.0

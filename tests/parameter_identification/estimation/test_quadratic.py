@@ -41,7 +41,7 @@ def test_within_bounds_it_is_that_of_scipy_and_variables_that_are_not_free_stay(
 
 
 def test_the_pull_is_minus_the_gradient_at_zero(quadratic):
-    np.testing.assert_allclose(quadratic.pull, J.T @ (J @ AT - r))
+    np.testing.assert_allclose(quadratic.rhs, J.T @ (J @ AT - r))
 
 
 def test_the_curvature_that_it_lacks_is_that_of_a_kink_on_the_way(quadratic):

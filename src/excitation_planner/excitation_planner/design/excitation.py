@@ -22,7 +22,6 @@ from excitation_planner.design.executors import evaluations
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import (
     NOTHING_BESIDE,
-    PRIOR_INFORMATION,
     SHOWN,
     BesideParameters,
     BoxPrior,
@@ -410,9 +409,8 @@ def _judge(
     target, names = problem.target_index, problem.unknown.names
     if problem.criterion is not Criterion.H or target is None:
         # what is left of the prior's deviation; of the worst parameter when all are meant
-        prior = problem.prior
-        information = PRIOR_INFORMATION if prior is None else 1.0 / np.diag(prior.covariance)
-        left = at_x.posterior_std * np.sqrt(information)
+        prior = problem.prior or BoxPrior.uniform(len(names))
+        left = at_x.posterior_std / prior.std
         judged = int(np.argmax(left)) if target is None else target
         text = f"the drive leaves {left[judged]:.1%} of the prior deviation of {names[judged]}"
         learnt = left[judged] <= SHOWN

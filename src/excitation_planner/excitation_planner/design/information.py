@@ -20,7 +20,6 @@ from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import (
     NOTHING_BESIDE,
-    PRIOR_INFORMATION,
     BesideParameters,
     BoxPrior,
 )
@@ -215,9 +214,7 @@ def posterior_covariance(
     """
     k = F.shape[-1] - beside.shared
     known = np.eye(F.shape[-1])
-    known[:k, :k] = (
-        PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
-    )
+    known[:k, :k] = (prior or BoxPrior.uniform(k)).information
     try:
         np.linalg.cholesky(F + known)  # what rounding has made indefinite has an inverse too
         covariance = np.asarray(np.linalg.inv(F + known), dtype=np.float64)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
-PRIOR_INFORMATION = 12.0
-"""Information about a parameter that is uniform on its range: 1 / variance, in ranges."""
-
+UNIFORM_STD = 12.0**-0.5
+"""Standard deviation of a parameter that is uniform on its range, in ranges."""
 
 SHOWN = 0.5
 """Share of the prior's standard deviation that drives may leave of a parameter that they show."""
@@ -81,3 +81,24 @@ class BoxPrior:
             raise DesignError(f"prior: the covariance must be ({k}, {k}) finite numbers")
         if not (np.allclose(C, C.T) and np.linalg.eigvalsh(C)[0] > 0.0):
             raise DesignError("prior: the covariance must be symmetric and positive definite")
+
+    @classmethod
+    def uniform(cls, k: int) -> Self:
+        """Return the normal distribution with mean and variance of a uniform one in the unit box.
+
+        Parameters
+        ----------
+        k : int
+            Number of parameters.
+        """
+        return cls(np.full(k, 0.5), np.eye(k) / 12.0)
+
+    @property
+    def std(self) -> FloatArray:
+        """Marginal standard deviation (k,) of each parameter, in ranges."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def information(self) -> FloatArray:
+        """Inverse of the covariance, shape (k, k)."""
+        return np.asarray(np.linalg.inv(self.covariance), dtype=np.float64)

@@ -23,7 +23,7 @@ FACTOR = 2.0  # that is one of units; slip, roll and understeer explain less
 STEERING_FACTOR = 5.0  # likewise; a map may be a guess
 ENOUGH = 100  # ticks
 LEAST_TURN = 0.1  # rad/s (rms), far above the noise of a heading's change
-LEAST_PULL = 0.5  # m/s^2 (rms)
+LEAST_LATERAL = 0.5  # m/s^2 (rms)
 LEAST_STEERING = 0.1  # rad (rms), above the error of a steering's zero
 
 
@@ -104,7 +104,7 @@ def _pairs(
     expected = {
         "yaw_rate": (motion.yaw_rate, LEAST_TURN),
         "wheel_speed": (rolling, SLOWEST / vehicle.driven_radius),
-        "acceleration_y": (motion.speed * motion.yaw_rate, LEAST_PULL),
+        "acceleration_y": (motion.speed * motion.yaw_rate, LEAST_LATERAL),
     }
     for name, (values, least) in expected.items():
         if name in recording.more:

@@ -72,14 +72,14 @@ def recording_of(drive: MeasuredDrive) -> Recording:
         for wheel, values in zip(wheels.wheels, wheels.values.T, strict=True):
             more[f"{WHEELS}.{wheel}"] = Samples(wheels.time - first, values)
     return Recording(
-        drive.name,
-        0.0,
-        position.time - first,
-        position.values[:, 0],
-        position.values[:, 1],
-        None if heading is None else heading.values[:, 0],
-        Samples(time, np.append(0.0, commands.steering_motor_angle)),
-        more,
+        name=drive.name,
+        start=0.0,
+        time=position.time - first,
+        x=position.values[:, 0],
+        y=position.values[:, 1],
+        yaw=None if heading is None else heading.values[:, 0],
+        steering=Samples(time, np.append(0.0, commands.steering_motor_angle)),
+        more=more,
     )
 
 

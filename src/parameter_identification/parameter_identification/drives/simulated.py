@@ -214,7 +214,10 @@ def measure(
         wheels = tuple(motion.wheel_speeds) if sensor is Sensor.WHEEL_SPEEDS else ()
         signals[sensor] = Signal(time, np.column_stack(values), wheels=wheels)
     return MeasuredDrive(
-        *(name, commands, signals, start or StartPose()),
+        name,
+        commands,
+        signals,
+        start or StartPose(),
         truth=dict(truth or {}),
         steering_angle=_steering_angle(motion, steering_step, rng),
     )

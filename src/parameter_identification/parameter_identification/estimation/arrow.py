@@ -26,17 +26,17 @@ class Arrow:
         Of each group.
     common : ndarray of int, shape (s,)
         Which of the n variables are the same in all groups.
-    prior : ndarray of float, shape (s, s)
+    prior_information : ndarray of float, shape (s, s)
         Information of the common ones beside the groups.
-    pull : ndarray of float, shape (s,)
+    prior_gradient : ndarray of float, shape (s,)
         Gradient of the common ones beside the groups.
     """
 
     information: FloatArray
     gradient: FloatArray
     common: NDArray[np.int64]
-    prior: FloatArray
-    pull: FloatArray
+    prior_information: FloatArray
+    prior_gradient: FloatArray
 
     @property
     def own(self) -> NDArray[np.int64]:
@@ -44,15 +44,17 @@ class Arrow:
         return np.setdiff1d(np.arange(self.information.shape[1]), self.common)
 
     def _eliminated(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Information (s, s), gradient (s,) of the common ones; how own ones follow (v, m, s)."""
+        """Information (s, s), gradient (s,) of the common ones; sensitivities (v, m, s)."""
         own, common = self.own, self.common
         alone = self.information[:, own[:, None], own]
         across = self.information[:, own[:, None], common]
         both = np.concatenate([across, self.gradient[:, own, None]], axis=2)
         solved = np.linalg.solve(alone, both)
-        information = self.information[:, common[:, None], common].sum(axis=0) + self.prior
+        information = (
+            self.information[:, common[:, None], common].sum(axis=0) + self.prior_information
+        )
         information = information - np.einsum("vms,vmt->st", across, solved[:, :, :-1])
-        gradient = self.gradient[:, common].sum(axis=0) + self.pull
+        gradient = self.gradient[:, common].sum(axis=0) + self.prior_gradient
         gradient = gradient - np.einsum("vms,vm->s", across, solved[:, :, -1])
         return information, gradient, -solved[:, :, :-1]
 
@@ -63,17 +65,17 @@ class Arrow:
         -------
         common : ndarray of float, shape (s, s)
             Of the common variables.
-        alone : ndarray of float, shape (v, m, m)
+        own : ndarray of float, shape (v, m, m)
             Of each group's own ones, if the common ones were known.
-        follow : ndarray of float, shape (v, m, s)
+        sensitivity : ndarray of float, shape (v, m, s)
             By how much own ones change with the common ones: the covariance of the own variables of
-            groups a and b is `follow[a] @ common @ follow[b].T`, and where they are the same, that
-            and `alone[a]`.
+            groups a and b is `sensitivity[a] @ common @ sensitivity[b].T`, plus `own[a]` where they
+            are the same.
         """
-        information, _, follow = self._eliminated()
+        information, _, sensitivity = self._eliminated()
         own = self.own
         alone = np.linalg.inv(self.information[:, own[:, None], own])
-        return np.asarray(np.linalg.inv(information)), np.asarray(alone), follow
+        return np.asarray(np.linalg.inv(information)), np.asarray(alone), sensitivity
 
     def step(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the step (v, n) to the minimum; variables that would pass a bound end there.
@@ -104,7 +106,9 @@ class Arrow:
         shared = step[0, self.common]
         lowers = np.einsum("vi,vi->", step, 2.0 * self.gradient)
         lowers += np.einsum("vi,vij,vj->", step, self.information, step)
-        return -float(lowers + shared @ (2.0 * self.pull + self.prior @ shared))
+        return -float(
+            lowers + shared @ (2.0 * self.prior_gradient + self.prior_information @ shared)
+        )
 
     def _holding(self, held: NDArray[np.bool_], at: FloatArray) -> FloatArray:
         """The step (v, n) where some variables make the steps that they have."""
@@ -114,20 +118,20 @@ class Arrow:
         kept = free[:, :, None] & free[:, None, :]
         fixed_common = held[0, self.common]
         free_common = ~fixed_common
-        pull = self.pull + self.prior @ known[0, self.common]
+        prior_gradient = self.prior_gradient + self.prior_information @ known[0, self.common]
         reduced = Arrow(
             np.where(kept, self.information, 0.0) + held[:, :, None] * np.eye(held.shape[1]),
             np.where(free, gradient, 0.0),
             self.common,
-            np.where(np.outer(free_common, free_common), self.prior, 0.0),
-            np.where(free_common, pull, 0.0),
+            np.where(np.outer(free_common, free_common), self.prior_information, 0.0),
+            np.where(free_common, prior_gradient, 0.0),
         )
-        information, slope, follow = reduced._eliminated()
+        information, slope, sensitivity = reduced._eliminated()
         own, common = self.own, self.common
         step = known.copy()
         shared = np.linalg.solve(information, -slope)
         alone = reduced.information[:, own[:, None], own]
         lone = np.linalg.solve(alone, -reduced.gradient[:, own, None])[:, :, 0]
         step[:, common] += np.where(free_common, shared, 0.0)
-        step[:, own] += np.where(held[:, own], 0.0, lone + follow @ shared)
+        step[:, own] += np.where(held[:, own], 0.0, lone + sensitivity @ shared)
         return step

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
-from parameter_identification.estimation.doubt import student_factor
+from parameter_identification.estimation.interval_correction import student_factor
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
     FEWEST,
@@ -18,7 +19,6 @@ from parameter_identification.drives.measured import (
 from parameter_identification.drives.proportion import contradiction
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
-from parameter_identification.estimation.prior import prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -146,8 +146,9 @@ def check_reference(drive: MeasuredDrive, vehicle: Vehicle) -> None:
     )
     wide = {name: _wider(vehicle, name) for name in vehicle.unknown}
     any_such = dataclasses.replace(vehicle, unknown=wide)
-    mean, information = prior_in_ranges(any_such, None)
-    with LeastSquares([DriveModel(any_such, planned)], mean, information, Loss.SQUARED) as problem:
+    prior = BoxPrior.uniform(len(wide))
+    models = [DriveModel(any_such, planned)]
+    with LeastSquares(models, prior.mean, prior.information, Loss.SQUARED) as problem:
         problem.noise = {Sensor.POSITION: NoiseLevel(0.1 * SAME_VEHICLE)}
         fits = [problem.minimise(start) for start in problem.candidates(6, seed=0)]
         ((found,),) = problem.predictions(min(fits, key=lambda fit: fit.cost).at)

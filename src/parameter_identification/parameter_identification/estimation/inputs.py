@@ -18,7 +18,7 @@ from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import Columns
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import white_level
-from parameter_identification.estimation.prior import prior_in_ranges
+from parameter_identification.estimation.prior import box_prior
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.errors import IdentificationError
@@ -154,7 +154,8 @@ def speed_misfits(
     """
     varied = [e for e in effects_of(vehicle, effects) if not e.process]
     models = [DriveModel(vehicle, drive, varied, measured=measured) for drive in drives]
-    with LeastSquares(models, *prior_in_ranges(vehicle, None), Loss.SQUARED) as problem:
+    prior = box_prior(vehicle, None)
+    with LeastSquares(models, prior.mean, prior.information, Loss.SQUARED) as problem:
         problem.noise = {Sensor.WHEEL_SPEED: problem.noise[Sensor.WHEEL_SPEED]}
         start = np.append(problem.mean, np.zeros(problem.n - problem.k))
         predictions = problem.predictions(problem.minimise(start).at)

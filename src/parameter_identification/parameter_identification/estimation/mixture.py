@@ -115,7 +115,7 @@ class Mixture:
 
 def mixture_of(
     information: FloatArray,
-    pull: FloatArray,
+    rhs: FloatArray,
     groups: Sequence[Sequence[int]],
     chances: Sequence[float],
     least: Mapping[int, float] | None = None,
@@ -126,7 +126,7 @@ def mixture_of(
     ----------
     information : ndarray of float, shape (d, d)
         Of parameters and effects, with their priors; effects have a prior of mean 0, deviation 1.
-    pull : ndarray of float, shape (d,)
+    rhs : ndarray of float, shape (d,)
         Information times the mean.
     groups : sequence of sequence of int
         Variables of each effect.
@@ -140,9 +140,9 @@ def mixture_of(
     ----------
     A. E. Raftery, D. Madigan, J. A. Hoeting, J. Am. Stat. Assoc. 92 (1997) 179-191.
     """
-    d, bounds = len(pull), dict(least or {})
+    d, bounds = len(rhs), dict(least or {})
     covariance = np.linalg.inv(information)
-    mean = covariance @ pull
+    mean = covariance @ rhs
     shown = np.array(
         [
             mean[at] @ np.linalg.solve(covariance[np.ix_(at, at)], mean[at])
@@ -158,7 +158,7 @@ def mixture_of(
     sequence = np.concatenate([always, members]).astype(np.int64)
     matrix = np.zeros((d + 1, d + 1))
     matrix[:d, :d] = information[np.ix_(sequence, sequence)]
-    matrix[:d, d] = matrix[d, :d] = pull[sequence]
+    matrix[:d, d] = matrix[d, :d] = rhs[sequence]
     ends = len(always) + np.cumsum([0, *(len(at) for at in groups)])
     least_values = np.array([bounds.get(i, -math.inf) for i in sequence.tolist()])
     subsets, evidence = _evidence(matrix, ends, least_values, odds, shown[ranks])
@@ -205,8 +205,8 @@ def _evidence(
     Parameters
     ----------
     matrix : ndarray of float, shape (d + 1, d + 1)
-        Information, and the pull in the last row and column. The variables of every subset come
-        first, then those of the effects, one after the other.
+        Information, and the right-hand side in the last row and column. The variables of every
+        subset come first, then those of the effects, one after the other.
     ends : ndarray of int, shape (g + 1,)
         Effect g has the variables from `ends[g]` to `ends[g + 1]`.
     least : ndarray of float, shape (d,)

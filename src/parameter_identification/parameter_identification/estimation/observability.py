@@ -1,9 +1,8 @@
-"""Which parameters, and which combinations of them, the drives show."""
+"""Which combinations of parameters the drives do not show."""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.optimum import Optimum
@@ -11,24 +10,6 @@ from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.results import Combination
 
 SMALL_WEIGHT = 0.25  # of a parameter that is not named in a combination
-
-
-def identifiable(problem: LeastSquares, optimum: Optimum) -> NDArray[np.bool_]:
-    """Return for each of the k parameters whether the drives at least halve its prior deviation.
-
-    None is identifiable where other parameters fit as well.
-
-    Parameters
-    ----------
-    problem : LeastSquares
-        Holds the prior.
-    optimum : Optimum
-        Holds what is known after the drives.
-    """
-    prior_std = np.sqrt(np.diag(np.linalg.inv(problem.information)))
-    std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
-    shown: NDArray[np.bool_] = (std <= SHOWN * prior_std) & (not optimum.rivals)
-    return shown
 
 
 def hidden_combinations(problem: LeastSquares, optimum: Optimum) -> tuple[Combination, ...]:

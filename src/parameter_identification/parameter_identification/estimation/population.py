@@ -98,7 +98,7 @@ def population(
     estimates: FloatArray,
     deviations: FloatArray,
     *,
-    together: FloatArray | None = None,
+    common_errors: FloatArray | None = None,
     level: float = 0.95,
 ) -> Population:
     """Return the population that vehicles come from.
@@ -109,7 +109,7 @@ def population(
         Their names.
     estimates, deviations : ndarray of float, shape (v,)
         Of a parameter, each from the drives of one vehicle alone.
-    together : ndarray of float, shape (v, s), optional
+    common_errors : ndarray of float, shape (v, s), optional
         Errors that the estimates have in common beside the deviations, e.g. by a parameter that all
         vehicles share: how much one standard deviation of each changes every estimate.
     level : float
@@ -126,8 +126,8 @@ def population(
     if not (np.all(np.isfinite(estimates)) and np.all(deviations > 0.0)):
         raise IdentificationError("population: needs finite estimates and positive deviations")
     columns = np.ones((count, 1))
-    if together is not None:
-        columns = np.column_stack([columns, together])
+    if common_errors is not None:
+        columns = np.column_stack([columns, common_errors])
     about = float(np.median(estimates))
     given = _Given(estimates - about, deviations, columns)
     distances, odd = _distances(given)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.design.prior import PRIOR_INFORMATION, BoxPrior
+from excitation_planner.design.prior import BoxPrior
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
@@ -55,31 +55,19 @@ def box_prior(vehicle: Vehicle, prior: GaussianPrior | None) -> BoxPrior:
     """
     names = tuple(vehicle.unknown)
     low, high = np.array(list(vehicle.unknown.values())).T
-    mean, covariance = np.full(len(names), 0.5), np.eye(len(names)) / PRIOR_INFORMATION
-    if prior is not None:
-        if misspelt := [name for name in prior.names if name not in vehicle.declared]:
-            raise IdentificationError(
-                f"prior: {', '.join(misspelt)}: {vehicle.name} has no such parameter; unknown are "
-                f"{', '.join(names)}"
-            )
-        given = [i for i, name in enumerate(names) if name in prior.names]
-        taken = [prior.names.index(names[i]) for i in given]
-        width = (high - low)[given]
-        mean[given] = (prior.mean[taken] - low[given]) / width
-        part = prior.covariance[np.ix_(taken, taken)] / np.outer(width, width)
-        covariance[np.ix_(given, given)] = 0.5 * (part + part.T)  # round-off aside, the same
+    uniform = BoxPrior.uniform(len(names))
+    if prior is None:
+        return uniform
+    mean, covariance = uniform.mean.copy(), uniform.covariance.copy()
+    if misspelt := [name for name in prior.names if name not in vehicle.declared]:
+        raise IdentificationError(
+            f"prior: {', '.join(misspelt)}: {vehicle.name} has no such parameter; unknown are "
+            f"{', '.join(names)}"
+        )
+    given = [i for i, name in enumerate(names) if name in prior.names]
+    taken = [prior.names.index(names[i]) for i in given]
+    width = (high - low)[given]
+    mean[given] = (prior.mean[taken] - low[given]) / width
+    part = prior.covariance[np.ix_(taken, taken)] / np.outer(width, width)
+    covariance[np.ix_(given, given)] = 0.5 * (part + part.T)  # round-off aside, the same
     return BoxPrior(mean, covariance)
-
-
-def prior_in_ranges(vehicle: Vehicle, prior: GaussianPrior | None) -> tuple[FloatArray, FloatArray]:
-    """Return mean (k,) and information matrix (k, k), the inverse covariance, of `box_prior`.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Its k unknown parameters, with their ranges.
-    prior : GaussianPrior, optional
-        Replaces the ranges for the parameters that it names.
-    """
-    known = box_prior(vehicle, prior)
-    return known.mean, np.asarray(np.linalg.inv(known.covariance), dtype=np.float64)

@@ -324,13 +324,13 @@ class LeastSquares(Closing):
     def _prior_gram(self, v: FloatArray) -> FloatArray:
         k, gram = self.k, np.zeros((self.n + 1, self.n + 1))
         deviation = v[:k] - self.mean
-        pull = self.information @ deviation
+        prior_gradient = self.information @ deviation
         gram[:k, :k] = self.information
-        gram[:k, -1] = gram[-1, :k] = pull
+        gram[:k, -1] = gram[-1, :k] = prior_gradient
         nuisances = v[k:]
         gram[range(k, self.n), range(k, self.n)] = self._precision
         gram[k:-1, -1] = gram[-1, k:-1] = self._precision * nuisances
-        gram[-1, -1] = deviation @ pull + self._precision @ nuisances**2
+        gram[-1, -1] = deviation @ prior_gradient + self._precision @ nuisances**2
         return gram
 
     def _signals_gram(
@@ -515,12 +515,12 @@ class LeastSquares(Closing):
         """
         chances = {}
         here = self.quadratic(v)
-        information, pull = here.information, here.pull
+        information, rhs = here.information, here.rhs
         for e, places in self._processes.items():
             at = np.array(places)
             rest = np.setdiff1d(np.arange(self.n), at)
             onto = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, at)])
-            scores = pull[at] - onto.T @ pull[rest]
+            scores = rhs[at] - onto.T @ rhs[rest]
             shown = information[np.ix_(at, at)] - information[np.ix_(at, rest)] @ onto
             shown -= np.diag(self._precision[at - self.k])  # by the drives, without the prior
             mean, half_variance = np.trace(shown), np.sum(shown**2)

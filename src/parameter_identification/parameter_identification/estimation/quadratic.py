@@ -52,10 +52,10 @@ class Quadratic:
         return bool(np.isfinite([self.cost, self.gradient.sum(), self.information.sum()]).all())
 
     @property
-    def pull(self) -> FloatArray:
-        """Minus the gradient at 0, shape (n,)."""
-        pull: FloatArray = self.information @ self.at - self.gradient
-        return pull
+    def rhs(self) -> FloatArray:
+        """Right-hand side (n,) of the normal equations, `information @ minimum() = rhs`."""
+        rhs: FloatArray = self.information @ self.at - self.gradient
+        return rhs
 
     def covariance(self) -> FloatArray:
         """Return the inverse of the information, shape (n, n)."""

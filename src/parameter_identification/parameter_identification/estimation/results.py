@@ -1,7 +1,7 @@
 """Results of an identification: what `identify` returns."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -11,12 +11,10 @@ from parameter_identification.drives.measured import Input, Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import GaussianPrior
-from parameter_identification.estimation.profiles import ProfileCurve
 from parameter_identification.estimation.whiteness import SIGNIFICANCE, Whiteness, coloured
 from tricycle_core.optional import optional, own_axes
 from tricycle_core.palette import BLUE, GREY, VERMILLION
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.vehicle import Vehicle
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,54 +92,6 @@ def common_truth(truths: Iterable[Mapping[str, float]]) -> dict[str, float]:
     """
     first, *others = truths
     return dict(first) if all(truth == first for truth in others) else {}
-
-
-def estimate_of(
-    vehicle: Vehicle,
-    name: str,
-    z: float,
-    std: float,
-    ends: Sequence[float],
-    *,
-    shown: bool,
-    curve: ProfileCurve | None = None,
-    rivals: Sequence[float] = (),
-) -> Estimate:
-    """Return the estimate of a parameter in its unit.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Whose parameter it is.
-    name : str
-        Of the parameter.
-    z, std : float
-        Estimate and its standard deviation, in the range.
-    ends : sequence of float
-        Of the interval by linearisation, in the range; they end there.
-    shown : bool
-        Whether the drives show it.
-    curve : ProfileCurve, optional
-        Its interval replaces that by linearisation.
-    rivals : sequence of float
-        Other values that fit as well, in the range: the interval holds them.
-    """
-    limits = vehicle.unknown[name]
-    start, width = limits[0], limits[1] - limits[0]
-    linear = in_range(limits, ends[0]), in_range(limits, ends[1])
-    low, high = linear if curve is None else (in_range(limits, end) for end in curve.interval)
-    others = [start + width * rival for rival in rivals]
-    return Estimate(
-        unit=vehicle.unit(name),
-        estimate=in_range(limits, z),
-        standard_deviation=width * std,
-        low=min([low, *others]),
-        high=max([high, *others]),
-        linear=linear,
-        range=limits,
-        identifiable=shown,
-        profile=None if curve is None else Profile(start + width * curve.z, curve.rise),
-    )
 
 
 @dataclass(frozen=True)

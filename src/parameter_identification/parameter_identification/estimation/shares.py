@@ -1,4 +1,4 @@
-"""What one drive says of the variables that it has in common with others, its own eliminated.
+"""The cost of one drive as a function of the common variables, its own variables eliminated.
 
 Every drive has start pose, clocks and bias of its own, and shares parameters and effects with the
 others: the information matrix has the shape of an arrow. Drives can therefore be fitted one by one:
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
 from parameter_identification.estimation.model import DriveModel
@@ -31,8 +32,8 @@ from tricycle_sim.vehicle import Vehicle
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """How the drives of a vehicle are looked at.
+class FitSetting:
+    """Model and noise by which the drives of a vehicle are fitted.
 
     Attributes
     ----------
@@ -62,7 +63,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class DriveShare:
-    """What one drive says of the common variables at a point.
+    """The cost of one drive near a point of the common variables, its own variables eliminated.
 
     Attributes
     ----------
@@ -107,9 +108,9 @@ def first_fit(
     drives: Sequence[MeasuredDrive],
     vehicle: Vehicle,
     effects: Sequence[Effect],
-    prior: tuple[FloatArray, FloatArray],
+    prior: BoxPrior,
     seed: int,
-) -> tuple[Setting, FloatArray]:
+) -> tuple[FitSetting, FloatArray]:
     """Return noise and common variables (c,) of the best fit of a few drives together.
 
     Parameters
@@ -120,33 +121,33 @@ def first_fit(
         Known constants and ranges.
     effects : sequence of Effect
         Estimated beside the parameters.
-    prior : (ndarray of float, ndarray of float), shapes (k,) and (k, k)
-        Mean and information of the parameters, in their ranges.
+    prior : BoxPrior
+        Of the parameters, in their ranges.
     seed : int
         Of the starts.
     """
-    near = None
+    near, known = None, (prior.mean, prior.information)
     with threadpool_limits(1, user_api="blas"):
         measured = measured_inputs(drives, vehicle, Inputs.EITHER)
         if effects:  # without them a search takes a tenth of the time
             models = [DriveModel(vehicle, drive, measured=measured) for drive in drives]
-            with LeastSquares(models, *prior, Loss.SQUARED) as without:
+            with LeastSquares(models, *known, Loss.SQUARED) as without:
                 first = find_optimum(without, starts=4, seed=seed, level=0.95)
             near = [first.fit.at[: without.k], *first.rivals]
         models = [DriveModel(vehicle, drive, effects, measured=measured) for drive in drives]
-        with LeastSquares(models, *prior, Loss.SQUARED) as problem:
+        with LeastSquares(models, *known, Loss.SQUARED) as problem:
             best = find_optimum(problem, starts=4, seed=seed, level=0.95, near=near)
             common = problem.k + models[0].shared
             noise, sizes = dict(problem.noise), problem.sizes()
-    return Setting(vehicle, tuple(effects), noise, sizes, measured), best.fit.at[:common]
+    return FitSetting(vehicle, tuple(effects), noise, sizes, measured), best.fit.at[:common]
 
 
-def untold(setting: Setting, drive: MeasuredDrive) -> str:
-    """Return why a drive cannot be looked at; empty where it tells all that is needed.
+def missing_inputs(setting: FitSetting, drive: MeasuredDrive) -> str:
+    """Return which inputs a drive lacks, as a message; empty if none.
 
     Parameters
     ----------
-    setting : Setting
+    setting : FitSetting
         Of its vehicle.
     drive : MeasuredDrive
         The drive.
@@ -161,13 +162,13 @@ def untold(setting: Setting, drive: MeasuredDrive) -> str:
 
 
 def share_of(
-    setting: Setting, drive: MeasuredDrive, common: FloatArray, own: FloatArray | None = None
+    setting: FitSetting, drive: MeasuredDrive, common: FloatArray, own: FloatArray | None = None
 ) -> DriveShare:
-    """Return what a drive says at a point, its own variables fitted and eliminated.
+    """Return the share of a drive at a point, its own variables fitted and eliminated.
 
     Parameters
     ----------
-    setting : Setting
+    setting : FitSetting
         Of its vehicle.
     drive : MeasuredDrive
         The drive.
@@ -176,7 +177,7 @@ def share_of(
     own : ndarray of float, shape (q,), optional
         Where the search of its own variables begins. Default: the means of their priors.
     """
-    if reason := untold(setting, drive):
+    if reason := missing_inputs(setting, drive):
         raise IdentificationError(f"{drive.name}: {reason}")
     model = DriveModel(setting.vehicle, drive, setting.effects, measured=setting.measured)
     k, c = len(model.low), len(common)
@@ -198,15 +199,15 @@ def share_of(
     across, alone = information[:c, c:], information[c:, c:]
     eliminated = np.linalg.solve(alone, np.column_stack([across.T, gradient[c:]]))
     return DriveShare(
-        drive.name,
-        drive.began,
-        samples,
-        common,
-        float(cost - gradient[c:] @ eliminated[:, -1]),
-        information[:c, :c] - across @ eliminated[:, :-1],
-        gradient[:c] - across @ eliminated[:, -1],
-        at[c:] - eliminated[:, -1],
-        white,
-        drive.truth,
-        drive.complete,
+        name=drive.name,
+        began=drive.began,
+        samples=samples,
+        at=common,
+        cost=float(cost - gradient[c:] @ eliminated[:, -1]),
+        information=information[:c, :c] - across @ eliminated[:, :-1],
+        gradient=gradient[:c] - across @ eliminated[:, -1],
+        own=at[c:] - eliminated[:, -1],
+        white=white,
+        truth=drive.truth,
+        complete=drive.complete,
     )

@@ -128,13 +128,16 @@ def effects_of_drives(
             e, own = n.effect, i >= model.shared
             if e is None or e.process or (drive and not own):
                 continue
-            value, deviation = n.std * float(optimum.fit.at[at]), n.std * float(std[at])
-            name = model.drive.name if own else ""
-            end = bool(ends[at])
             found.append(
                 EffectEstimate(
-                    *(e.name, e.unit, value, deviation, e.std, name, acts.get(e.name)),
-                    at_an_end=end,
+                    name=e.name,
+                    unit=e.unit,
+                    estimate=n.std * float(optimum.fit.at[at]),
+                    standard_deviation=n.std * float(std[at]),
+                    prior=e.std,
+                    drive=model.drive.name if own else "",
+                    acts=acts.get(e.name),
+                    at_an_end=bool(ends[at]),
                 )
             )
     sizes, chances = problem.sizes(), problem.chances_of_deviations(optimum.fit.at)

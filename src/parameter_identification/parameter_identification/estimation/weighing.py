@@ -129,16 +129,16 @@ class _Effects:
 
         def weighed(chosen: tuple[dict[str, float], float]) -> tuple[Mixture, float]:
             sizes, prior = chosen
-            H, pull = here.information + np.diag(self._problem.more_precision(sizes)), here.pull
+            H, rhs = here.information + np.diag(self._problem.more_precision(sizes)), here.rhs
             onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
             found = mixture_of(
                 H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
-                pull[variables] - onto.T @ pull[rest],
+                rhs[variables] - onto.T @ rhs[rest],
                 self._groups,
                 list(self._chances.values()),
                 self._least,
             )
-            return found, prior + found.evidence + _log_evidence(H, pull, rest)
+            return found, prior + found.evidence + _log_evidence(H, rhs, rest)
 
         mixtures, evidence = zip(*self._problem.each(weighed, likely), strict=True)
         return joined(mixtures, np.array(evidence)), np.array(evidence)
@@ -167,8 +167,8 @@ def refitted(
         Variables of each effect, by its name.
     """
     here = problem.quadratic(fit.at)
-    information, pull = here.information, here.pull
-    at_zero = here.cost + (pull - here.gradient) @ fit.at
+    information, rhs = here.information, here.rhs
+    at_zero = here.cost + (rhs - here.gradient) @ fit.at
 
     def fitted(free: NDArray[np.bool_]) -> Fit:
         start = np.where(free, fit.at, 0.0)
@@ -176,7 +176,7 @@ def refitted(
 
     def expected(free: NDArray[np.bool_]) -> float:
         inside = information[np.ix_(free, free)]
-        return float(at_zero - pull[free] @ np.linalg.solve(inside, pull[free]))
+        return float(at_zero - rhs[free] @ np.linalg.solve(inside, rhs[free]))
 
     found, free, needed = fitted(acts), acts, list[str]()
     while found.cost > expected(free) + SURPRISE:
@@ -244,15 +244,15 @@ def _likely_sizes(problem: LeastSquares, here: Quadratic, free: NDArray[np.bool_
         prior = sum(before[i] for i in chosen) + problem.log_normaliser(sizes)
         H = here.information + np.diag(problem.more_precision(sizes))
         found.append((sizes, prior))
-        evidence.append(prior + _log_evidence(H, here.pull, kept))
+        evidence.append(prior + _log_evidence(H, here.rhs, kept))
     order = np.argsort(-np.array(evidence))
     share = np.cumsum(np.exp(np.array(evidence)[order] - logsumexp(evidence)))
     count = min(MOST_SIZES, 1 + int(np.searchsorted(share, 1.0 - NEGLECTED)))
     return [found[i] for i in order[:count]]
 
 
-def _log_evidence(information: FloatArray, pull: FloatArray, at: NDArray[np.int64]) -> float:
+def _log_evidence(information: FloatArray, rhs: FloatArray, at: NDArray[np.int64]) -> float:
     """Logarithm of the integral over variables, of which the others are 0."""
     factor = np.linalg.cholesky(information[np.ix_(at, at)])
-    reduced = np.linalg.solve(factor, pull[at])
+    reduced = np.linalg.solve(factor, rhs[at])
     return float(0.5 * reduced @ reduced - np.log(np.diag(factor)).sum())

@@ -94,7 +94,7 @@ class BringUpRecord:
         firmware : mapping of Board to str
             `firmware_build` of the boards that are connected.
         settings : BridgeSettings
-            Of the vehicle that is to be armed.
+            Settings of the vehicle that is to be armed.
         now : datetime
             Present time, with its time zone.
         max_age : timedelta

@@ -6,7 +6,6 @@ a kill the same call continues: a bag that was being recorded is driven again, a
 
 import dataclasses
 import fcntl
-import math
 import os
 import shutil
 import weakref
@@ -16,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from excitation_planner.design.prior import BoxPrior
+from excitation_planner.design.prior import UNIFORM_STD, BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver, planned_for
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
@@ -188,7 +187,7 @@ class Campaign:
         """
         vehicle = self.request.vehicle
         found = {
-            name: Knowledge(vehicle.nominal[name], (high - low) / math.sqrt(12.0))
+            name: Knowledge(vehicle.nominal[name], UNIFORM_STD * (high - low))
             for name, (low, high) in vehicle.unknown.items()
         }
         for step in self.steps[:after]:

@@ -162,7 +162,7 @@ def _least_white(found: Identification) -> str:
 
 def _contradictions(found: Identification | ManyDrives, drives: str) -> list[str]:
     """A line where drives disagree."""
-    from parameter_identification.estimation.doubt import CONTRADICTING, SCATTER
+    from parameter_identification.estimation.interval_correction import CONTRADICTING, SCATTER
 
     if not found.scatter > CONTRADICTING:
         return []

@@ -15,6 +15,7 @@ from matplotlib.path import Path as MatplotlibPath
 
 from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
+from excitation_planner.design.prior import UNIFORM_STD
 from excitation_planner.indices.figure import Spread, draw_indices
 from excitation_planner.plan import Index, Plan
 from parameter_identification.estimation.intervals import half_width
@@ -75,7 +76,7 @@ def plot_plan(plan: Plan, path: Path) -> None:
     if plan.predicted_std:
         expected = panels["expected"]
         left = [
-            math.sqrt(12.0) * std / (plan.unknown[name][1] - plan.unknown[name][0])
+            std / (UNIFORM_STD * (plan.unknown[name][1] - plan.unknown[name][0]))
             for name, std in plan.predicted_std.items()
         ]
         bars = expected.barh(range(len(left)), left, 0.6, color=REFERENCE)

@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from excitation_planner.design.prior import UNIFORM_STD
 from excitation_planner.trajectory_error import POINTS
 from parameter_identification.judging.judgement import Anchor, Judgement
 from tricycle_cli.console import plain_console
@@ -94,7 +95,7 @@ def prediction_table(plan: Plan) -> Table:
     for name, std in plan.predicted_std.items():
         low, high = plan.unknown[name]
         share = std / (high - low)
-        table.add_row(name, f"{std:.3g}", f"{share:.1%}", f"{share * math.sqrt(12.0):.0%}")
+        table.add_row(name, f"{std:.3g}", f"{share:.1%}", f"{share / UNIFORM_STD:.0%}")
     return table
 
 

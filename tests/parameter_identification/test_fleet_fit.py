@@ -12,9 +12,9 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.fleet_fit import DriveEvidence, FleetFit
 from parameter_identification.many_drives import begin
-from parameter_identification.together import Alone, Together
-from parameter_identification.vehicle_fit import Sum, Variables, VehicleFit, descend
+from parameter_identification.vehicle_fit import Variables, VehicleCost, VehicleFit, descend
 from tricycle_core.errors import IdentificationError
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -85,9 +85,9 @@ class Dense:
 
 @pytest.mark.slow
 def test_it_is_the_dense_problem_of_all_drives(fits):
-    together = Together(fits, SHARED)
-    together.descend(None)
-    found = together.result(0.95)
+    fleet = FleetFit(fits, SHARED)
+    fleet.descend(None)
+    found = fleet.posterior(0.95)
     dense = Dense(fits)
     v = np.zeros(dense.size)
     v[: dense.parameters] = 0.5
@@ -107,8 +107,8 @@ def test_it_is_the_dense_problem_of_all_drives(fits):
         expected = covariance[np.ix_(places, places)]
         scale = np.outer(std, std)
         assert found.covariance(number) / scale == pytest.approx(expected / scale, abs=0.02)
-    alone = [fit.sum.information for fit in fits]
-    assert found.of_common[0, 0] < min(np.linalg.inv(h)[1, 1] for h in alone)
+    alone = [fit.quadratic.information for fit in fits]
+    assert found.shared_covariance[0, 0] < min(np.linalg.inv(h)[1, 1] for h in alone)
     for problem in dense.problems:
         problem.close()
 
@@ -121,27 +121,27 @@ def telling(drives, *, deviation=0.01):
     fits = []
     for values in drives:
         slopes = np.array([[told * (at[0] - value), 0.0] for value in values])
-        pull = variables.information @ (at - variables.mean)
+        prior_gradient = variables.information @ (at - variables.mean)
         information = variables.information + np.diag([told * len(values), 0.0])
-        there = Sum(at, 0.0, pull + slopes.sum(axis=0), information, slopes, ())
+        there = VehicleCost(at, 0.0, prior_gradient + slopes.sum(axis=0), information, slopes, ())
         fits.append(VehicleFit([], None, variables, np.zeros(len(values)), at.copy(), there))
-    return Together(fits, [0])
+    return FleetFit(fits, [0])
 
 
 def test_few_vehicles_whose_drives_contradict_each_other_know_little():
     rng = np.random.default_rng(0)
     values = rng.normal(0.5, 0.05, (4, 8))
-    found = telling(values).result(0.95)
-    assert found.of_common[0, 0] ** 0.5 == pytest.approx(0.05 / 32**0.5, rel=0.4)
-    alike = telling(rng.normal(0.5, 0.01, (4, 8))).result(0.95)
-    assert alike.of_common[0, 0] ** 0.5 == pytest.approx(0.01 / 32**0.5, rel=0.4)
+    found = telling(values).posterior(0.95)
+    assert found.shared_covariance[0, 0] ** 0.5 == pytest.approx(0.05 / 32**0.5, rel=0.4)
+    alike = telling(rng.normal(0.5, 0.01, (4, 8))).posterior(0.95)
+    assert alike.shared_covariance[0, 0] ** 0.5 == pytest.approx(0.01 / 32**0.5, rel=0.4)
 
 
 def test_what_all_drives_pull_beyond_its_range_is_as_unknown_as_before():
-    found = telling(np.full((4, 2), 1.2)).result(0.95)
+    found = telling(np.full((4, 2), 1.2)).posterior(0.95)
     assert found.beyond.tolist() == [True]
-    assert found.of_common[0, 0] == pytest.approx(1.0 / 12.0)
-    assert not telling(np.full((4, 2), 0.999)).result(0.95).beyond.any()
+    assert found.shared_covariance[0, 0] == pytest.approx(1.0 / 12.0)
+    assert not telling(np.full((4, 2), 0.999)).posterior(0.95).beyond.any()
 
 
 def drawn(rng, count, *, rate, rate_spread):
@@ -152,7 +152,7 @@ def drawn(rng, count, *, rate, rate_spread):
         rows = np.column_stack([np.ones(3), rng.uniform(-1.0, 1.0, 3)]) / rng.uniform(0.01, 0.04)
         covariances[i] = np.linalg.inv(rows.T @ rows + np.diag([0.0, 0.004]))
         estimates[i] = covariances[i] @ rows.T @ (rows @ true[i] + rng.standard_normal(3))
-    return true, Alone(estimates, covariances, np.zeros((count, 2, 0)), [True] * count)
+    return true, DriveEvidence(estimates, covariances, np.zeros((count, 2, 0)), [True] * count)
 
 
 @pytest.mark.slow

@@ -1,15 +1,14 @@
 """Where the noise alone promises too much."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from parameter_identification.estimation.doubt import (
+from parameter_identification.estimation.interval_correction import (
     AGREEING,
     SCATTER,
     beyond_ranges,
+    corrected,
     heterogeneity_factors,
     jackknife_factors,
     pulled_effects,
@@ -91,8 +90,23 @@ def test_an_effect_at_its_limit_is_in_doubt_only_if_the_data_pull_it_beyond(pull
     std = np.sqrt(np.linalg.inv(information[:3, :3])[2, 2])
     beyond = np.array([0.0, 0.0, pull * std])
     gradient = np.append(-information[:3, :3] @ beyond, -1e6)
-    problem = SimpleNamespace(n=4, k=2, low=np.full(4, -2.0), high=np.full(4, 2.0))
-    assert pulled_effects(problem, Quadratic(at, 0.0, gradient, information)).any() == doubted
+    low, high = np.full(4, -2.0), np.full(4, 2.0)
+    here = Quadratic(at, 0.0, gradient, information)
+    assert pulled_effects(at, here, 2, low, high).any() == doubted
+    covariance, before = np.linalg.inv(information), 100.0 * np.eye(2)
+    for wrong, scatter in ((True, np.nan), (False, 2.1), (False, 1.9)):
+        found = corrected(
+            at, here, covariance, np.ones(4), before, (low, high),
+            average=None, scatter=scatter, wrong=wrong,
+        )  # fmt: skip
+        doubt = doubted and scatter != 1.9
+        assert found.beyond.tolist() == [doubt, doubt]
+        assert np.sqrt(np.diag(found.covariance)[:2]) == pytest.approx(
+            [10.0, 10.0] if doubt else np.sqrt(np.diag(covariance)[:2])
+        )
+        assert found.widening == pytest.approx(
+            np.sqrt(np.diag(found.covariance) / np.diag(covariance))[:2]
+        )
 
 
 def test_what_follows_a_doubted_variable_is_doubted_as_far_as_it_follows():

@@ -1,4 +1,4 @@
-"""Where intervals by the noise promise too much: drives that disagree, ranges that they contradict.
+"""Corrections of intervals by the noise: drives that disagree, ranges that they contradict.
 
 n: variables, k of them parameters.
 """
@@ -13,7 +13,7 @@ from scipy.special import chdtrc, stdtrit
 from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.optimum import Optimum
-from parameter_identification.estimation.problem import LeastSquares
+from parameter_identification.estimation.problem import LeastSquares, at_bounds
 from parameter_identification.estimation.quadratic import Quadratic
 from tricycle_core.quantities import FloatArray
 
@@ -161,28 +161,64 @@ def beyond_ranges(
     return pulled | (above & (free > at + PULL * std))
 
 
-def pulled_effects(problem: LeastSquares, here: Quadratic) -> NDArray[np.bool_]:
+def pulled_parameters(
+    at: FloatArray,
+    here: Quadratic,
+    factors: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    average: Mixture | None = None,
+) -> NDArray[np.bool_]:
+    """Return which of k parameters the data pull beyond their ranges.
+
+    Parameters
+    ----------
+    at : ndarray of float, shape (n,)
+        The fit: the parameters, then other variables.
+    here : Quadratic
+        Its cost near the fit, in n variables.
+    factors : ndarray of float, shape (k,)
+        On the standard deviations by the noise, for the drives' scatter.
+    low, high : ndarray of float, shape (n,)
+        Bounds of the variables.
+    average : Mixture, optional
+        Over models with and without effects, which replaces mean and deviations of the cost.
+    """
+    free, variances = here.minimum(), np.diag(here.covariance())
+    std = np.sqrt(variances)
+    if average is not None:
+        free, std = average.mean, average.standard_deviations
+    first = slice(len(factors))
+    return beyond_ranges(at[first], free[first], factors * std[first], low[first], high[first])
+
+
+def pulled_effects(
+    at: FloatArray, here: Quadratic, k: int, low: FloatArray, high: FloatArray
+) -> NDArray[np.bool_]:
     """Return which nuisances that act in a fit the data pull beyond their bounds.
 
     Parameters
     ----------
-    problem : LeastSquares
-        Of n variables.
+    at : ndarray of float, shape (n,)
+        The fit; effects that are 0 do not act.
     here : Quadratic
-        Its cost at the fit; effects that are 0 do not act.
+        Its cost near the fit.
+    k : int
+        Number of the first variables, which are the parameters.
+    low, high : ndarray of float, shape (n,)
+        Bounds of the variables.
 
     Returns
     -------
     ndarray of bool, shape (a,)
         By nuisance that acts.
     """
-    acts = np.flatnonzero((here.at != 0.0) | (np.arange(problem.n) < problem.k))
+    acts = np.flatnonzero((at != 0.0) | (np.arange(len(at)) < k))
     own = Quadratic(
         here.at[acts], here.cost, here.gradient[acts], here.information[np.ix_(acts, acts)]
     )
     std = np.sqrt(np.diag(own.covariance()))
-    pulled = beyond_ranges(own.at, own.minimum(), std, problem.low[acts], problem.high[acts])
-    return pulled[problem.k :]
+    return beyond_ranges(at[acts], own.minimum(), std, low[acts], high[acts])[k:]
 
 
 def with_prior_variance(
@@ -212,15 +248,15 @@ def with_prior_variance(
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
-    """What the intervals of a fit have to count beside the noise.
+class IntervalCorrection:
+    """Uncertainty of a fit beside the noise, from drives that disagree and ranges.
 
     Attributes
     ----------
     covariance : ndarray of float, shape (n, n)
-        With it.
+        Corrected.
     widening : ndarray of float, shape (k,)
-        By which factor it makes the deviations of the parameters larger.
+        Factors by which the correction makes the deviations of the parameters larger.
     beyond : ndarray of bool, shape (k,)
         Parameters that the data pull beyond their ranges.
     scatter : float
@@ -233,7 +269,55 @@ class Doubt:
     scatter: float
 
 
-def doubt_of(
+def corrected(
+    at: FloatArray,
+    here: Quadratic,
+    covariance: FloatArray,
+    factors: FloatArray,
+    prior_covariance: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    *,
+    average: Mixture | None,
+    scatter: float,
+    wrong: bool,
+) -> IntervalCorrection:
+    """Return a fit's covariance with the scatter of its drives and the ranges it contradicts.
+
+    Parameters
+    ----------
+    at : ndarray of float, shape (n,)
+        The fit: k parameters, then other variables.
+    here : Quadratic
+        Its cost near the fit.
+    covariance : ndarray of float, shape (n, n)
+        By the noise; that of the average where there is one.
+    factors : ndarray of float, shape (n,)
+        On the standard deviations, for the drives' scatter.
+    prior_covariance : ndarray of float, shape (k, k)
+        Covariance of the parameters before the drives.
+    bounds : (ndarray of float, ndarray of float), shapes (n,)
+        Lower and upper bounds of the variables.
+    average : Mixture, optional
+        Over models with and without effects.
+    scatter : float
+        Largest factor for the drives' scatter; NaN: not known.
+    wrong : bool
+        Whether the model is known to be wrong for this vehicle, beside `scatter`. Then, or where
+        the drives contradict each other, all parameters are as uncertain as before the drives as
+        soon as one of them is at an end of its range, or an effect is pulled beyond its bounds.
+    """
+    k, (low, high) = len(prior_covariance), bounds
+    beyond = pulled_parameters(at, here, factors[:k], low, high, average)
+    held = at_bounds(at, low, high)[:k].any() or pulled_effects(at, here, k, low, high).any()
+    if held and (wrong or scatter > CONTRADICTING):
+        beyond[:] = True  # what is held at a bound makes the others wrong
+    scattered = covariance * np.outer(factors, factors)
+    found = with_prior_variance(scattered, prior_covariance, beyond)
+    widening = np.sqrt(np.diag(found)[:k] / np.diag(covariance)[:k])
+    return IntervalCorrection(found, widening, beyond, scatter)
+
+
+def interval_correction(
     problem: LeastSquares,
     optimum: Optimum,
     average: Mixture | None,
@@ -242,8 +326,8 @@ def doubt_of(
     missing: FloatArray | None = None,
     white: bool,
     level: float,
-) -> Doubt:
-    """Return what the intervals of a fit have to count beside the noise.
+) -> IntervalCorrection:
+    """Return the correction of a fit's intervals for drives that disagree and for ranges.
 
     Parameters
     ----------
@@ -258,9 +342,8 @@ def doubt_of(
     missing : ndarray of float, shape (d, k), optional
         Estimates without each of a few drives, if these miss each other (`CrossPrediction`).
     white : bool
-        Whether residuals look white. If they do not, or if drives contradict or miss each other,
-        the model is wrong for this vehicle. All parameters are then doubted as soon as one of them
-        is at an end of its range, or an effect is pulled beyond its bounds.
+        Whether residuals look white. If they do not, or if drives miss each other, the model is
+        wrong for this vehicle (`corrected`).
     level : float
         Probability of the intervals.
     """
@@ -284,16 +367,14 @@ def doubt_of(
     if least is not None:
         std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])
         factors[:k] *= np.fmax(least / std, 1.0)
-    covariance = optimum.covariance * np.outer(factors, factors)
-    free, std = here.minimum(), np.sqrt(np.diag(by_noise))
-    if average is not None:
-        free, std = average.mean, average.standard_deviations
-    low, high = problem.low[:k], problem.high[:k]
-    beyond = beyond_ranges(at[:k], free[:k], factors[:k] * std[:k], low, high)
-    wrong = not white or missing is not None or scatter.max() > CONTRADICTING
-    if wrong and (problem.at_an_end(at)[:k].any() or pulled_effects(problem, here).any()):
-        beyond[:] = True  # what is held at a bound makes the others wrong
-    before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
-    covariance = with_prior_variance(covariance, before, beyond)
-    widening = np.sqrt(np.diag(covariance)[:k] / np.diag(optimum.covariance)[:k])
-    return Doubt(covariance, widening, beyond, float(scatter.max()))
+    return corrected(
+        at,
+        here,
+        optimum.covariance,
+        factors,
+        np.asarray(np.linalg.inv(problem.information), dtype=np.float64),
+        (problem.low, problem.high),
+        average=average,
+        scatter=float(scatter.max()),
+        wrong=not white or missing is not None,
+    )

@@ -1,4 +1,4 @@
-"""Vehicles of a fleet fitted together, and what their drives alone tell of each of them.
+"""Fit of a fleet with parameters that all vehicles share, and evidence of the drives alone.
 
 Letters of shapes: `v` vehicles of n variables each, of which s are common to all and m are not.
 """
@@ -10,34 +10,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.arrow import Arrow
-from parameter_identification.estimation.doubt import (
+from parameter_identification.estimation.estimates import estimates_of, identifiable
+from parameter_identification.estimation.interval_correction import (
     SCATTER,
     beyond_ranges,
+    pulled_parameters,
     scatter_factors,
     with_prior_variance,
 )
-from parameter_identification.estimation.intervals import half_width, interval
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.population import Population, population
-from parameter_identification.estimation.results import Estimate, estimate_of
+from parameter_identification.estimation.results import Estimate
 from parameter_identification.vehicle_fit import (
-    PASSES,
-    TOLERANCE,
-    Sum,
+    VehicleCost,
     VehicleFit,
-    beyond_of,
+    descend,
     growth_of,
-    look,
 )
-from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 
 TAKEN_OUT = 0.999  # share of a rate's prior: what is left keeps a single drive's rate finite
 
 
 @dataclass(eq=False)
-class Together:
+class FleetFit:
     """Vehicles of which some variables are the same in all.
 
     Attributes
@@ -64,37 +61,45 @@ class Together:
         IdentificationError
             If there is no minimum.
         """
-        fits, common = self.fits, list(self.common)
+        common = list(self.common)
         if not common:
             return
-        low = np.array([fit.variables.low for fit in fits])
-        high = np.array([fit.variables.high for fit in fits])
-        points = np.array([fit.at for fit in fits])
+        points = np.array([fit.at for fit in self.fits])
         points[:, common] = np.median(points[:, common], axis=0)
+        low, high = self._bounds()
         points += self._arrow(points).step(low - points, high - points)
-        self._take(points, look(fits, list(points), executor))
-        shorter = 1.0
-        for _ in range(PASSES):
-            arrow = self._arrow(points)
-            step = shorter * arrow.step(low - points, high - points)
-            trial = np.clip(points + step, low, high)
-            if arrow.decrease(step) < TOLERANCE:
-                for fit, point in zip(fits, trial, strict=True):
-                    fit.at = point
-                return
-            there = look(fits, list(trial), executor)
-            if self._cost(there) < self._cost([fit.sum for fit in fits]):
-                points, shorter = trial, 1.0
-                self._take(trial, there)
-            else:
-                shorter *= 0.3
-        raise IdentificationError(
-            f"no minimum of all vehicles together after {PASSES} passes over the drives"
-        )
+        for fit, point in zip(self.fits, points, strict=True):
+            fit.at = point
+        descend([self], executor, ["all vehicles together"])
 
-    def _take(self, points: FloatArray, sums: Sequence[Sum]) -> None:
-        for fit, point, there in zip(self.fits, points, sums, strict=True):
-            fit.at, fit.here = point, there
+    def trial(self, length: float) -> tuple[list[FloatArray], float]:
+        """Return the point (n,) of each vehicle after a step, and the decrease of the cost by it.
+
+        Parameters
+        ----------
+        length : float
+            Share of the step that is made.
+        """
+        points, (low, high) = np.array([fit.at for fit in self.fits]), self._bounds()
+        arrow = self._arrow(points)
+        step = length * arrow.step(low - points, high - points)
+        return list(np.clip(points + step, low, high)), arrow.decrease(step)
+
+    def total(self, costs: Sequence[VehicleCost]) -> float:
+        """Return the cost of all vehicles, in which the prior of what is common counts once.
+
+        Parameters
+        ----------
+        costs : sequence of VehicleCost
+            Of each vehicle, with the prior.
+        """
+        off = (costs[0].at - self.fits[0].variables.mean)[list(self.common)]
+        return sum(cost.cost for cost in costs) - float(off @ self._repeated() @ off)
+
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds (v, n) of the variables."""
+        low = np.array([fit.variables.low for fit in self.fits])
+        return low, np.array([fit.variables.high for fit in self.fits])
 
     def _prior(self) -> FloatArray:
         """Prior information (s, s) of what is common."""
@@ -105,13 +110,9 @@ class Together:
         """What the vehicles' fits count of it too often: once for each but one."""
         return (len(self.fits) - 1) * self._prior()
 
-    def _cost(self, sums: Sequence[Sum]) -> float:
-        off = (sums[0].at - self.fits[0].variables.mean)[list(self.common)]
-        return sum(s.cost for s in sums) - float(off @ self._repeated() @ off)
-
     def _arrow(self, points: FloatArray) -> Arrow:
         """What all say at points (v, n), by their derivatives close by."""
-        sums, mean = [fit.sum for fit in self.fits], self.fits[0].variables.mean
+        sums, mean = [fit.quadratic for fit in self.fits], self.fits[0].variables.mean
         shifted = [
             s.gradient + s.information @ (point - s.at)
             for s, point in zip(sums, points, strict=True)
@@ -125,8 +126,8 @@ class Together:
             -repeated @ (points[0] - mean)[common],
         )
 
-    def result(self, level: float) -> "Joint":
-        """Return what is known at the best fit.
+    def posterior(self, level: float) -> "FleetPosterior":
+        """Return the distribution of the variables at the best fit.
 
         Parameters
         ----------
@@ -135,17 +136,17 @@ class Together:
         """
         points = np.array([fit.at for fit in self.fits])
         arrow = self._arrow(points)
-        covariance, alone, follow = arrow.covariances()
+        covariance, own_covariance, sensitivity = arrow.covariances()
         beyond = np.zeros(len(self.common), dtype=bool)
         if self.common:
             prior = self._prior()
             # few vehicles do not show how they scatter; their drives may
             clusters = list(arrow.gradient[:, np.newaxis])
             if len(clusters) < SCATTER:
-                clusters = [fit.sum.slopes for fit in self.fits]
+                clusters = [fit.quadratic.slopes for fit in self.fits]
             slopes = [
                 own[:, arrow.common] + own[:, arrow.own] @ f
-                for own, f in zip(clusters, follow, strict=True)
+                for own, f in zip(clusters, sensitivity, strict=True)
             ]
             _, factors = scatter_factors(covariance, np.concatenate(slopes), prior, level)
             covariance = covariance * np.outer(factors, factors)
@@ -158,14 +159,21 @@ class Together:
                 variables.high[arrow.common],
             )
             covariance = with_prior_variance(covariance, np.asarray(np.linalg.inv(prior)), beyond)
-        return Joint(
-            *(self.fits, points, arrow.common, arrow.own, covariance, alone, follow, beyond)
+        return FleetPosterior(
+            fits=self.fits,
+            at=points,
+            common=arrow.common,
+            own=arrow.own,
+            shared_covariance=covariance,
+            own_covariance=own_covariance,
+            sensitivity=sensitivity,
+            beyond=beyond,
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
-    """Vehicles at the best fit, and the covariance of their variables as `Arrow` takes it apart.
+class FleetPosterior:
+    """Best fit of the vehicles and covariance of their variables, in the parts that `Arrow` gives.
 
     Attributes
     ----------
@@ -175,12 +183,12 @@ class Joint:
         Their variables.
     common, own : ndarray of int, shape (s,) and (m,)
         Places of the variables that are the same in all, and of the others.
-    of_common : ndarray of float, shape (s, s)
-        Covariance.
-    alone : ndarray of float, shape (v, m, m)
-        Covariance, if the common ones were known.
-    follow : ndarray of float, shape (v, m, s)
-        Change with the common ones.
+    shared_covariance : ndarray of float, shape (s, s)
+        Of the common variables.
+    own_covariance : ndarray of float, shape (v, m, m)
+        Of the other variables, if the common ones were known.
+    sensitivity : ndarray of float, shape (v, m, s)
+        Derivatives of the best other variables by the common ones.
     beyond : ndarray of bool, shape (s,)
         Which common ones all drives together pull beyond their ranges.
     """
@@ -189,9 +197,9 @@ class Joint:
     at: FloatArray
     common: NDArray[np.int64]
     own: NDArray[np.int64]
-    of_common: FloatArray
-    alone: FloatArray
-    follow: FloatArray
+    shared_covariance: FloatArray
+    own_covariance: FloatArray
+    sensitivity: FloatArray
     beyond: NDArray[np.bool_]
 
     def covariance(self, i: int) -> FloatArray:
@@ -203,11 +211,13 @@ class Joint:
             Number of the vehicle.
         """
         found = np.empty((self.at.shape[1], self.at.shape[1]))
-        follow = self.follow[i]
-        found[np.ix_(self.common, self.common)] = self.of_common
-        found[np.ix_(self.own, self.common)] = follow @ self.of_common
-        found[np.ix_(self.common, self.own)] = (follow @ self.of_common).T
-        found[np.ix_(self.own, self.own)] = self.alone[i] + follow @ self.of_common @ follow.T
+        sensitivity = self.sensitivity[i]
+        found[np.ix_(self.common, self.common)] = self.shared_covariance
+        found[np.ix_(self.own, self.common)] = sensitivity @ self.shared_covariance
+        found[np.ix_(self.common, self.own)] = (sensitivity @ self.shared_covariance).T
+        found[np.ix_(self.own, self.own)] = (
+            self.own_covariance[i] + sensitivity @ self.shared_covariance @ sensitivity.T
+        )
         return found
 
     def shared(self, level: float) -> dict[str, Estimate]:
@@ -219,16 +229,15 @@ class Joint:
             Probability of the intervals.
         """
         vehicle = self.fits[0].setting.vehicle
-        names = list(vehicle.unknown)
-        before = 1.0 / np.sqrt(np.diag(self.fits[0].variables.information))
-        found = {}
-        stds = np.sqrt(np.diag(self.of_common)).tolist()
-        for i, std, beyond in zip(self.common.tolist(), stds, self.beyond.tolist(), strict=True):
-            z = float(self.at[0, i])
-            ends = interval(i, z, std, level, beyond=beyond)
-            shown = std <= SHOWN * before[i]
-            found[names[i]] = estimate_of(vehicle, names[i], z, std, ends, shown=shown)
-        return found
+        return estimates_of(
+            vehicle,
+            self.at[0, self.common],
+            np.sqrt(np.diag(self.shared_covariance)),
+            self.fits[0].variables.prior_std[self.common],
+            level,
+            beyond=self.beyond,
+            names=[list(vehicle.unknown)[i] for i in self.common],
+        )
 
     def pulled(self, i: int, level: float) -> tuple[str, ...]:
         """Return which of its own parameters the drives of a vehicle pull beyond their ranges.
@@ -241,11 +250,12 @@ class Joint:
             Probability of the intervals.
         """
         fit = self.fits[i]
-        beyond = beyond_of(fit, growth_of(fit, level)[1])
-        names = enumerate(fit.setting.vehicle.unknown)
-        return tuple(name for j, name in names if beyond[j] and j not in self.common)
+        names, bounds = list(fit.setting.vehicle.unknown), fit.variables
+        factors = growth_of(fit, level)[1][: len(names)]
+        beyond = pulled_parameters(fit.at, fit.quadratic, factors, bounds.low, bounds.high)
+        return tuple(name for j, name in enumerate(names) if beyond[j] and j not in self.common)
 
-    def without_prior(self, at: Sequence[int], level: float) -> "Alone":
+    def without_prior(self, at: Sequence[int], level: float) -> "DriveEvidence":
         """What the drives alone tell of variables of each vehicle: a level, and perhaps its rate.
 
         The prior would otherwise count for every vehicle. A vehicle that is held at the end of a
@@ -262,35 +272,37 @@ class Joint:
         prior = np.diag(variables.information)[list(at)].copy()
         prior[1:] *= TAKEN_OUT
         places = np.searchsorted(self.own, at)
-        estimates, covariances, together, shown = [], [], [], []
-        root = np.linalg.cholesky(self.of_common)
+        estimates, covariances, common_errors, shown = [], [], [], []
+        root = np.linalg.cholesky(self.shared_covariance)
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
-            narrowed = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
+            narrowed = identifiable(whole[0, 0] ** -0.5, variables.prior_std[at[0]])
             growth, _ = growth_of(fit, level)
             shown.append(bool(narrowed and not self.pulled(i, level)))
-            with_prior = np.linalg.inv(self.alone[i][np.ix_(places, places)])
+            with_prior = np.linalg.inv(self.own_covariance[i][np.ix_(places, places)])
             covariance = np.linalg.inv(with_prior - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]
-            pull = with_prior @ self.at[i, at] - prior * variables.mean[list(at)]
-            estimates.append(covariance @ pull)
+            rhs = with_prior @ self.at[i, at] - prior * variables.mean[list(at)]
+            estimates.append(covariance @ rhs)
             covariances.append(covariance * np.outer(factors, factors))
-            together.append(covariance @ with_prior @ self.follow[i][places] @ root)
-        own, of_own, common = (np.array(v)[shown] for v in (estimates, covariances, together))
-        return Alone(own, of_own, common, shown)
+            common_errors.append(covariance @ with_prior @ self.sensitivity[i][places] @ root)
+        own, of_own, common = (np.array(v)[shown] for v in (estimates, covariances, common_errors))
+        return DriveEvidence(own, of_own, common, shown)
 
 
 @dataclass(frozen=True, eq=False)
-class Alone:
-    """Level and perhaps rate, q variables in ranges, of the v vehicles that show them.
+class DriveEvidence:
+    """Level and perhaps rate, q variables in ranges, by the drives alone, without their prior.
+
+    They are those of the v vehicles whose drives show the level.
 
     Attributes
     ----------
     estimates : ndarray of float, shape (v, q)
-        By the drives alone.
+        Of each vehicle.
     covariances : ndarray of float, shape (v, q, q)
         Of them, if what all vehicles share were known.
-    together : ndarray of float, shape (v, q, e)
+    common_errors : ndarray of float, shape (v, q, e)
         Their change by one standard deviation of each of e errors that they have in common.
     shown : sequence of bool
         Of all vehicles, whether the drives show the level.
@@ -298,7 +310,7 @@ class Alone:
 
     estimates: FloatArray
     covariances: FloatArray
-    together: FloatArray
+    common_errors: FloatArray
     shown: Sequence[bool]
 
     def population(
@@ -322,11 +334,11 @@ class Alone:
             vehicles,
             start + width * self.estimates[:, i],
             width * np.sqrt(self.covariances[:, i, i]),
-            together=width * self.together[:, i],
+            common_errors=width * self.common_errors[:, i],
             level=level,
         )
 
-    def with_rates(self, rates: Population, width: float, level: float) -> "Alone":
+    def with_rates(self, rates: Population, width: float, level: float) -> "DriveEvidence":
         """Return the levels alone, with what the population tells of rates that are not odd.
 
         Parameters
@@ -350,5 +362,8 @@ class Alone:
             self.covariances[:, 0, 0] - slope * self.covariances[:, 0, 1] + slope**2 * kept * rate
         )
         more = (slope * (1.0 - kept))[:, None]
-        together = np.column_stack([self.together[:, 0] - more * self.together[:, 1], more * wide])
-        return Alone(value[:, None], variance[:, None, None], together[:, None], self.shown)
+        common_errors = self.common_errors[:, 0] - more * self.common_errors[:, 1]
+        common_errors = np.column_stack([common_errors, more * wide])
+        return DriveEvidence(
+            value[:, None], variance[:, None, None], common_errors[:, None], self.shown
+        )
