@@ -21,10 +21,9 @@ from simulated_drives import (
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from parameter_identification.drives.measured import Sensor, Signal, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
-from parameter_identification.estimation.problem import Loss
 from parameter_identification.identification import identify
 from parameter_identification.identification_file import document_of
-from tricycle_core.errors import IdentificationError
+from tricycle_core.errors import ExcitationError, IdentificationError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle.batch import simulate
 
@@ -187,7 +186,7 @@ def test_outliers_are_counted_and_held_back_by_the_robust_loss(pair):
             dataclasses.replace(drive, signals={Sensor.POSITION: Signal(position.time, values)})
         )
     plain = identify(spoilt, VEHICLE)
-    robust = identify(spoilt, VEHICLE, loss=Loss.ROBUST)
+    robust = identify(spoilt, VEHICLE, loss="robust")
     assert robust.outliers >= 14
     assert robust.standard_deviations[0] < 0.5 * plain.standard_deviations[0]
     assert abs(robust.estimates[0] - TRUTH[0]) < 3.5 * robust.standard_deviations[0]
@@ -270,6 +269,7 @@ def test_two_drives_one_after_the_other_tell_what_both_tell_together(pair):
     difference = (second.estimates - both.estimates) / both.standard_deviations
     assert np.abs(difference).max() < 1.0
     np.testing.assert_allclose(second.standard_deviations, both.standard_deviations, rtol=0.3)
+    assert second.identifiable == both.identifiable
 
 
 @pytest.mark.slow
@@ -339,6 +339,32 @@ def test_names_of_parameters_are_checked(pair):
         identify(pair, VEHICLE, parameters=["mass"])
     with pytest.raises(IdentificationError, match="no drive"):
         identify([], VEHICLE)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"level": 95}, "level = 95: must be between 0 and 1"),
+        ({"level": 0.0}, "level = 0: must be between 0 and 1"),
+        ({"starts": 0}, "starts = 0: must be 1 or more"),
+        (
+            {"effects": "steering-zero"},
+            r"effects: a list of names is needed, as \['steering-zero'\]",
+        ),
+        ({"inputs": "measurd"}, "unknown inputs 'measurd'; one of: 'commands', 'measured'"),
+        ({"loss": "robst"}, "unknown loss 'robst'; one of: 'squared', 'robust'"),
+    ],
+)
+def test_arguments_are_checked(pair, options, message):
+    with pytest.raises(ExcitationError, match=message):
+        identify(pair, VEHICLE, **options)
+
+
+def test_drives_are_lists(pair):
+    with pytest.raises(IdentificationError, match="drives: a list of drives"):
+        identify(pair[0], VEHICLE)
+    with pytest.raises(IdentificationError, match="held_out: a list of drives"):
+        identify(pair[:1], VEHICLE, held_out=pair[1])
 
 
 def test_the_friction_that_was_used_is_that_of_the_fitted_vehicle(commands, pair):

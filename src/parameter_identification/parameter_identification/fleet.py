@@ -21,6 +21,7 @@ from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.kept import beginning_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.arrow import Arrow
+from parameter_identification.estimation.intervals import check_level
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
@@ -158,6 +159,7 @@ def identify_fleet(
         If there are fewer than `FEWEST` vehicles, a bag cannot be used, or a parameter is not one,
         or is named twice, or the times of the drives show no change.
     """
+    check_level(level)
     _check_names(vehicle, shared, own, changing)
     steps = sum(map(len, bags.values())) + len(bags)
 

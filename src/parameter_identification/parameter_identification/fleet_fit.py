@@ -233,7 +233,6 @@ class FleetPosterior:
             vehicle,
             self.at[0, self.common],
             np.sqrt(np.diag(self.shared_covariance)),
-            self.fits[0].variables.prior_std[self.common],
             level,
             beyond=self.beyond,
             names=[list(vehicle.unknown)[i] for i in self.common],
@@ -276,7 +275,7 @@ class FleetPosterior:
         root = np.linalg.cholesky(self.shared_covariance)
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
-            narrowed = identifiable(whole[0, 0] ** -0.5, variables.prior_std[at[0]])
+            narrowed = identifiable(whole[0, 0] ** -0.5)
             growth, _ = growth_of(fit, level)
             shown.append(bool(narrowed and not self.pulled(i, level)))
             with_prior = np.linalg.inv(self.own_covariance[i][np.ix_(places, places)])

@@ -35,6 +35,7 @@ from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
 from parameter_identification.estimation.interval_correction import SCATTER, interval_correction
+from parameter_identification.estimation.intervals import check_level
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.motion_model import OF_INPUT
@@ -97,9 +98,9 @@ def identify(
     held_out: Sequence[MeasuredDrive] = (),
     effects: Sequence[str] = (),
     weighed: bool = False,
-    inputs: Inputs = Inputs.EITHER,
+    inputs: Inputs | str = Inputs.EITHER,
     simulator: Simulator = CommandedBatch,
-    loss: Loss = Loss.SQUARED,
+    loss: Loss | str = Loss.SQUARED,
     starts: int = 4,
     level: float = 0.95,
     profiles: bool = False,
@@ -132,12 +133,12 @@ def identify(
     weighed : bool
         Whether the result is the average over the models with and without each effect, instead of
         that with all of them. Its intervals are those of the average, never profiles.
-    inputs : Inputs
+    inputs : Inputs or str
         Whether steering and wheels follow their commands, as servo and speed loop of the vehicle
         file do, or move as measured. With an FMU they follow the commands.
     simulator : callable
         Of the drives: our own model, or an FMU (`tricycle_sim.fmi.batch.FmuSimulator`).
-    loss : Loss
+    loss : Loss or str
         Cost of a residual.
     starts : int
         Number of fits from different starts, so that the global minimum is found.
@@ -159,13 +160,24 @@ def identify(
     ------
     IdentificationError
         If there is no drive, one comes twice, there is no such parameter, too little motion, a
-        drive was planned for another vehicle, or there is no measured input that shall be used.
+        drive was planned for another vehicle, there is no measured input that shall be used, or an
+        argument is none of those that are possible.
+    DesignError
+        Inputs or a loss of another name.
     """
     begun = time.perf_counter()
     if isinstance(drives, MeasuredDrive):
         raise IdentificationError("drives: a list of drives is needed, as [drive]")
+    if isinstance(held_out, MeasuredDrive):
+        raise IdentificationError("held_out: a list of drives is needed, as [drive]")
+    if isinstance(effects, str):
+        raise IdentificationError(f"effects: a list of names is needed, as [{effects!r}]")
     if not drives:
         raise IdentificationError("no drive: nothing to identify from")
+    if starts < 1:
+        raise IdentificationError(f"starts = {starts}: must be 1 or more")
+    check_level(level)
+    inputs, loss = Inputs(inputs), Loss(loss)
     asked = restrict(vehicle, tuple(vehicle.unknown) if parameters is None else parameters)
     known = asked if hold_others else vehicle
     everything = [*drives, *held_out]
@@ -232,7 +244,6 @@ def identify(
             vehicle=known,
             at=optimum.fit.at[:k],
             std=np.sqrt(np.diag(optimum.covariance))[:k],
-            prior_std=before.std,
             level=level,
             beyond=correction.beyond,
             widening=correction.widening,

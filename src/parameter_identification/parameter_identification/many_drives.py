@@ -27,6 +27,7 @@ from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.interval_correction import corrected
+from parameter_identification.estimation.intervals import check_level
 from parameter_identification.estimation.mixture import Mixture, mixture_of
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.results import (
@@ -195,6 +196,7 @@ def identify_many(
     IdentificationError
         If a bag cannot be used, comes twice, none is left, a worker dies, or there is no minimum.
     """
+    check_level(level)
     beside = effects_of(vehicle, effects)
     files, left_out = read_bags(
         bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
@@ -383,7 +385,7 @@ def result_of(
     covariance = correction.covariance
     std = np.sqrt(np.diag(covariance))
     estimates = estimates_of(
-        vehicle, at[:k], std[:k], bounds.prior_std[:k], level,
+        vehicle, at[:k], std[:k], level,
         beyond=correction.beyond, widening=correction.widening, average=mixture,
     )  # fmt: skip
     acts = [None] * len(setting.shared) if average is None else average.acts

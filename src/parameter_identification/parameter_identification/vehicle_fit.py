@@ -66,11 +66,6 @@ class Variables:
         """Covariance (n, n) of the prior."""
         return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
 
-    @property
-    def prior_std(self) -> FloatArray:
-        """Marginal standard deviations (n,) of the prior."""
-        return np.sqrt(np.diag(self.prior_covariance))
-
     def of_drive(self, since: float) -> FloatArray:
         """Return the matrix (c, n) that gives the common variables of a drive.
 

@@ -82,7 +82,7 @@ def estimates_at(problem, optimum):
     std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
     beyond = np.zeros(problem.k, dtype=bool)
     at = optimum.fit.at[: problem.k]
-    return estimates_of(VEHICLE, at, std, PRIOR.std, 0.95, beyond=beyond, rivals=optimum.rivals)
+    return estimates_of(VEHICLE, at, std, 0.95, beyond=beyond, rivals=optimum.rivals)
 
 
 def test_what_is_hidden_is_what_is_not_identifiable(problem, optimum):

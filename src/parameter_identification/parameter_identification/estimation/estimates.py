@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.design.prior import SHOWN
+from excitation_planner.design.prior import SHOWN, UNIFORM_STD
 from parameter_identification.estimation.intervals import interval
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.profiles import ProfileCurve
@@ -14,22 +14,23 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 
 
-def identifiable(std: FloatArray, prior_std: FloatArray) -> NDArray[np.bool_]:
-    """Return for each of k parameters whether the drives at least halve its prior deviation.
+def identifiable(std: FloatArray) -> NDArray[np.bool_]:
+    """Return for each of k parameters whether it is known to half the deviation of its range.
+
+    What earlier drives have told counts: a prior from them is no range.
 
     Parameters
     ----------
-    std, prior_std : ndarray of float, shape (k,)
-        Standard deviations after and before the drives.
+    std : ndarray of float, shape (k,)
+        Standard deviations after the drives, in ranges.
     """
-    return np.asarray(std <= SHOWN * prior_std)
+    return np.asarray(std <= SHOWN * UNIFORM_STD)
 
 
 def estimates_of(
     vehicle: Vehicle,
     at: FloatArray,
     std: FloatArray,
-    prior_std: FloatArray,
     level: float,
     *,
     beyond: NDArray[np.bool_],
@@ -47,8 +48,6 @@ def estimates_of(
         Ranges and units of the parameters.
     at, std : ndarray of float, shape (k,)
         Estimates and their standard deviations, in ranges.
-    prior_std : ndarray of float, shape (k,)
-        Standard deviations before the drives, in ranges.
     level : float
         Probability of the intervals.
     beyond : ndarray of bool, shape (k,)
@@ -66,7 +65,7 @@ def estimates_of(
     """
     names = tuple(vehicle.unknown) if names is None else names
     widening = np.ones(len(names)) if widening is None else widening
-    shown = identifiable(std, prior_std) & (not rivals)
+    shown = identifiable(std) & (not rivals)
     found = {}
     for i, name in enumerate(names):
         limits = vehicle.unknown[name]

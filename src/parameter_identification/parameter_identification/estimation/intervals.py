@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from scipy.special import ndtri
 
+from tricycle_core.errors import IdentificationError
+
 if TYPE_CHECKING:
     from parameter_identification.estimation.mixture import Mixture
 
@@ -25,6 +27,23 @@ def half_width(level: float = 0.95) -> float:
     1.96
     """
     return float(ndtri(0.5 + 0.5 * level))
+
+
+def check_level(level: float) -> None:
+    """Raise where no interval has this probability.
+
+    Parameters
+    ----------
+    level : float
+        Probability of the intervals.
+
+    Raises
+    ------
+    IdentificationError
+        If it is not between 0 and 1.
+    """
+    if not 0.0 < level < 1.0:
+        raise IdentificationError(f"level = {level:g}: must be between 0 and 1, as 0.95")
 
 
 def relative_half_width(estimate: float, std: float) -> float:

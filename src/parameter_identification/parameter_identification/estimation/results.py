@@ -103,7 +103,7 @@ class Combination:
     weights : mapping of str to float
         Component of each parameter, in ranges, largest first; small ones are left out.
     remaining : float
-        Standard deviation along it, divided by the prior's: 0.5 to 1.
+        Standard deviation along it, divided by that of the ranges: 0.5 to 1.
     """
 
     weights: Mapping[str, float]

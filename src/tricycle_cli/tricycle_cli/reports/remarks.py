@@ -58,7 +58,7 @@ def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
     """Remarks on parameters that the drives do not determine, on fixed ones and on range limits."""
     lines = [
         f"not shown by these {drives}: {combination} "
-        f"(1σ is {combination.remaining:.0%} of the prior 1σ)"
+        f"(1σ is {combination.remaining:.0%} of the range's)"
         for combination in found.hidden
     ]
     lines += _taken_as_known(found)
