@@ -101,8 +101,8 @@ def test_ctrl_c_while_nobody_answers_ends_the_simulation_at_once(
     ("child", "w", "wrong"),
     [
         ("rear_axle", 1.0, "plant/odom: child_frame_id is rear_axle, must be base_link: pose and"),
-        ("base_link", 0.0, r"plant/odom: orientation 0, 0, 0, 0 \(w, x, y, z\) is no unit quat"),
-        ("base_link", 2.0, "is no unit quaternion"),
+        ("base_link", 0.0, r"plant/odom: orientation 0, 0, 0, 0 \(w, x, y, z\) is not a unit quat"),
+        ("base_link", 2.0, "is not a unit quaternion"),
         ("base_link", float("nan"), "orientation nan, 0, 0, 0"),
         ("base_link", 1.0, ""),
         ("", 1.0, ""),

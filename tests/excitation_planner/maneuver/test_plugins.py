@@ -52,8 +52,8 @@ def test_the_family_of_the_how_to_is_listed_planned_and_simulated(install, tmp_p
     [
         ("raise RuntimeError('of its own')", r"'j_turn' cannot be loaded .*of its own"),
         ("JTurn = 5", "'j_turn' cannot be loaded from skid_pad_broken:JTurn"),
-        ("JTurn = dict", "no maneuver family with the name 'j_turn'"),
-        (EXAMPLE.replace('"j_turn"', '"k_turn"'), "no maneuver family with the name 'j_turn'"),
+        ("JTurn = dict", "not a maneuver family with the name 'j_turn'"),
+        (EXAMPLE.replace('"j_turn"', '"k_turn"'), "not a maneuver family with the name 'j_turn'"),
     ],
 )
 def test_a_broken_family_is_one_line(install, monkeypatch, source, message):

@@ -94,7 +94,7 @@ def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
         (
             ("bag", "convert", "{bag}", "--output", "{bag}-new", "--topics", "/nothing"),
             BagError,
-            "no topic of the bag is /nothing$",
+            "no topic of the bag is /nothing; there are: /",
         ),
         (
             ("bag", "convert", "{bag}", "--output", "{bag}-new", "--exclude", "/chater"),
