@@ -166,8 +166,8 @@ def _check(odom: Odometry) -> None:
     q = odom.pose.pose.orientation
     if not is_unit(q):
         raise PlantError(
-            f"{ODOM}: orientation {q.w:g}, {q.x:g}, {q.y:g}, {q.z:g} (w, x, y, z) is no unit "
-            "quaternion"
+            f"{ODOM}: orientation {q.w:g}, {q.x:g}, {q.y:g}, {q.z:g} (w, x, y, z) is not a "
+            "unit quaternion"
         )
 
 
