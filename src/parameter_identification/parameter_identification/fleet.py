@@ -78,7 +78,7 @@ class Fleet:
 
     @property
     def outliers(self) -> tuple[tuple[str, bool, Member], ...]:
-        """What is odd, the oddest first: parameter, whether its rate is meant, vehicle."""
+        """Odd vehicles, the oddest first: parameter, whether its rate is odd, and the vehicle."""
         found = [(name, False, m) for name, p in self.populations.items() for m in p.members]
         found += [(name, True, m) for name, p in self.changes.items() for m in p.members]
         odd = [(name, rate, member) for name, rate, member in found if member.odd]
@@ -133,10 +133,10 @@ def identify_fleet(
         Parameters of which nothing is concluded from one vehicle to another. Those that are neither
         are drawn from a population.
     changing : sequence of str, optional
-        Of those drawn from a population: those that change linearly in time. Of at least `FEWEST`
-        vehicles the first and the last drive are `APART`.
+        Parameters that change linearly in time, among those drawn from a population. The first and
+        the last drive of at least `FEWEST` vehicles must be at least `APART` apart.
     effects : sequence of str, optional
-        Of `EFFECTS`: estimated beside the parameters of each vehicle. All act.
+        Effects (of `EFFECTS`) that are estimated beside the parameters of each vehicle. All act.
     executor : concurrent.futures.Executor, optional
         As of `identify_many`.
     leave_out : bool
@@ -148,7 +148,7 @@ def identify_fleet(
     level : float
         Probability of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     progress : callable, optional
         Called with the number of bags read and vehicles fitted alone, and that of both in all.
 
@@ -327,7 +327,7 @@ class Course:
 
 
 def course(found: ManyDrives, parameter: str) -> Course:
-    """Return what each drive of a vehicle says of a parameter, the others being those of all.
+    """Return a parameter by each drive of a vehicle, the other parameters being those of all.
 
     Others that change do so at the rate that was found.
     Of more than `MOST_POINTS` drives those that follow each other are taken together.
@@ -335,9 +335,9 @@ def course(found: ManyDrives, parameter: str) -> Course:
     Parameters
     ----------
     found : ManyDrives
-        Of a vehicle of a fleet.
+        Result for a vehicle of a fleet.
     parameter : str
-        Its name.
+        Name of the parameter.
     """
     low, high = found.parameters[parameter].range
     i, k = list(found.parameters).index(parameter), len(found.parameters)

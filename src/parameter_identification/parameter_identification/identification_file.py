@@ -41,13 +41,13 @@ class ParameterEntry:
     estimate, low, high : float
         Estimate and ends of its interval.
     unit : str
-        Of all numbers.
+        Unit of the parameter, in which all numbers are.
     standard_deviation : float, optional
-        Of the estimate.
+        Standard deviation of the estimate.
     linear : (float, float), optional
         Interval by linearisation.
     range : (float, float)
-        Of the vehicle file.
+        Ends of the parameter's range in the vehicle file.
     identifiable : bool
         Whether the drives show it.
     profile : Profile, optional
@@ -91,7 +91,7 @@ class NoiseEntry:
     drift_time : float
         Correlation time [s].
     unit : str
-        Of `white` and `drift`.
+        Unit of `white` and `drift`.
     """
 
     white: float
@@ -109,7 +109,7 @@ class WhitenessEntry:
     drive, channel : str
         Names.
     rms : float
-        Of the residuals, in the channel's unit.
+        Root mean square of the residuals, in the channel's unit.
     correlation, statistic : float, optional
         From one sample to the next, and Q of Ljung and Box; None where not tested.
     lags : int
@@ -156,7 +156,7 @@ class IdentificationDocument:
     parameters : mapping of str to ParameterEntry
         The k parameters by name.
     covariance, correlation : ndarray of float, shape (k, k)
-        Of the estimates.
+        Covariance of the estimates, in their units, and their correlation.
     fixed : mapping of str to float
         Parameters that were held at their nominal values.
     hidden : tuple of Combination
@@ -178,9 +178,9 @@ class IdentificationDocument:
     starts : Starts
         Fits from different starts.
     seed : int
-        Of the starts.
+        Seed of the starts.
     seconds : float
-        That the computation took.
+        Time that the computation took [s].
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
     scatter : float or None

@@ -34,7 +34,7 @@ OF_ESTIMATED_MAPS = STEERING_ZERO, STEERING_GAIN
 
 
 def kind_of_drives(found: Identification | ManyDrives) -> str:
-    """Return what the drives are: windows where all are of a recording.
+    """Return "windows" where all drives are of a recording, else "drives".
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
     found : Identification or ManyDrives
         Result for that vehicle.
     source : Path or None
-        Its file; None: the packaged tricycle.
+        Vehicle file of that vehicle; None: the packaged tricycle.
     """
     document, vehicle = vehicle_document(source), load_vehicle(source)
     where = named_drives(found)

@@ -39,7 +39,7 @@ def read_bags(
     bags : sequence of Path
         One drive each.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     folder : Path
         Where the drives are kept.
     executor : concurrent.futures.Executor, optional

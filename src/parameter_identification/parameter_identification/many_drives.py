@@ -63,9 +63,9 @@ class ManyDrives:
     Attributes
     ----------
     parameters : mapping of str to Estimate
-        With linear intervals.
+        Estimate of each parameter, by name, with its interval by linearisation.
     covariance : ndarray of float, shape (k, k)
-        Of the estimates, in their units.
+        Covariance of the estimates, in their units.
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
         10 drives. Far above 1 the drives contradict each other: the model lacks something.
@@ -88,7 +88,7 @@ class ManyDrives:
     measured : frozenset of Input
         What moved as measured, not as the commands say.
     seed : int
-        Of the starts.
+        Seed of the starts.
     """
 
     parameters: Mapping[str, Estimate]
@@ -112,7 +112,7 @@ class ManyDrives:
         Parameters
         ----------
         names : collection of str
-            Of the parameters that are asked for.
+            Names of the parameters that are asked for.
         """
         return replace(self, **asked_for(self.parameters, self.covariance, names))
 
@@ -168,12 +168,13 @@ def identify_many(
         Where the drives are kept once they are read, by the content of their bags: the same call
         goes on where another one was ended.
     executor : concurrent.futures.Executor, optional
-        Its workers see bags and folder. The result is the same on each. Default: this process.
+        Executor whose workers see bags and folder. The result is the same by any. Default: this
+        process.
     prior : GaussianPrior, optional
         Knowledge before the drives. Parameters that it does not name keep their ranges.
     effects : sequence of str, optional
-        Of `EFFECTS`: estimated beside the parameters; those of each drive are eliminated with what
-        else it has of its own.
+        Effects (of `EFFECTS`) that are estimated beside the parameters; those of each drive are
+        eliminated together with the other unknowns of that drive.
     weighed : bool
         Whether the result is the average over the models with and without each effect that all
         drives have in common. Those of each drive act.
@@ -186,7 +187,7 @@ def identify_many(
     level : float
         Probability of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     progress : callable, optional
         Called with the number of bags read and in all.
 
@@ -236,7 +237,7 @@ def begin(
     prior : GaussianPrior, optional
         Knowledge before the drives.
     seed : int
-        Of the starts.
+        Seed of the starts.
     executor : concurrent.futures.Executor, optional
         Default: this process.
     changing : sequence of str
@@ -340,7 +341,7 @@ def result_of(
     covariance: FloatArray | None = None,
     average: _Average | None = None,
 ) -> ManyDrives:
-    """Return what was found of a vehicle.
+    """Return the result for one vehicle.
 
     Parameters
     ----------
@@ -353,9 +354,10 @@ def result_of(
     level : float
         Probability of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     covariance : ndarray of float, shape (n, n), optional
-        Of the variables, where other vehicles tell of them too.
+        Covariance of the variables, where other vehicles tell of them too. Default: that of the
+        fit.
     average : _Average, optional
         Over subsets of the effects.
     """

@@ -1,4 +1,4 @@
-"""What the bag of a drive holds: measured poses, the reference, the commands, and sensor signals.
+"""Contents of the bag of a drive: measured poses, the reference, the commands, and sensor signals.
 
 Times are seconds since the start event, the tick at which row 0 of the commands was played.
 """
@@ -36,7 +36,7 @@ class TopicNames:
     imu, joint_states : str
         Sensors that only an identification needs.
     child_frame : str
-        Of the poses and transforms to take.
+        Frame of the poses and transforms to take.
     datum : Datum, optional
         Origin for NavSatFix.
     """
@@ -66,7 +66,7 @@ class JointStates:
     steering_motor_angle : ndarray of float, shape (t,)
         Left positive [rad]; NaN where a message has none.
     wheel_rate : ndarray of float, shape (t,)
-        Of the rear wheel [rad/s]; NaN where a message has none.
+        Rate of the rear wheel [rad/s]; NaN where a message has none.
     motor_torque : ndarray of float, shape (t,)
         At the driven wheels [N m]: their effort; NaN where a message has none.
     """
@@ -79,7 +79,7 @@ class JointStates:
 
 @dataclass(frozen=True, eq=False)
 class ImuSamples:
-    """What the IMU measured, in the order of recording.
+    """Samples of the IMU, in the order of recording.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class SteeredLeadIn:
     end : float
         Time since the start event from which the commands hold [s].
     time : ndarray of float, shape (r,)
-        Of the set-points [s].
+        Times of the set-points since the start event [s].
     steering_motor_angle : ndarray of float, shape (r,)
         Left positive [rad].
     """
@@ -120,7 +120,7 @@ class SteeredLeadIn:
         Parameters
         ----------
         commands : Commands
-            Of the plan.
+            Commands of the plan.
         """
         ticks = np.arange(round(self.end / TICK))
         later = commands.time[commands.time > (len(ticks) + 0.5) * TICK]
@@ -143,7 +143,7 @@ class RecordedDrive:
     bag : Path
         Where it was recorded.
     plan_id : str
-        Of the maneuver driven.
+        Identifier of the plan that was driven.
     start : int
         Stamp of the start event [ns], by the clock that stamps the poses.
     recorded : int
@@ -153,7 +153,7 @@ class RecordedDrive:
     reference : PlanarTrajectory
         Nominal trajectory, starting at the origin with heading 0.
     commands : JointTrajectory message or None
-        Of the plan driven, where the bag has them.
+        Commands of the plan that was driven; None where the bag has none.
     complete : bool
         False where the bag was cut off, lacks a file or messages, or does not hold the end.
     metadata : mapping of str to str
@@ -161,8 +161,8 @@ class RecordedDrive:
     joint_states, imu : JointStates, ImuSamples, optional
         None where the bag has none, or they were not read.
     wheel_rates : mapping of str to Samples
-        Of single wheels [rad/s], since the start event, by their names: of the joints
-        `<name>_wheel_spin_joint`.
+        Rates of single wheels [rad/s] over the time since the start event [s], by name of the
+        wheel: that of its joint is `<name>_wheel_spin_joint`.
     topics : TopicNames
         Names by which it was read.
     ended_early : float, optional

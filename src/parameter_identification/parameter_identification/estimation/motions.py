@@ -64,7 +64,7 @@ class Simulator(Protocol):
     """Makes a `Batch`."""
 
     def __call__(self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0) -> Batch:
-        """Return what simulates a vehicle under commands."""
+        """Return the batch that simulates a vehicle under commands."""
         ...
 
 
@@ -75,7 +75,8 @@ class Motions:
     Attributes
     ----------
     x, y, heading, yaw_rate, wheel_speed : ndarray of float, shape (n, t)
-        Of `base_link` [m, rad, rad/s]; of the driven wheel [rad/s].
+        Position, heading and yaw rate of `base_link` [m, m, rad, rad/s]; rotation rate of the
+        driven wheel [rad/s].
     others : dict of Sensor to ndarray of float, shape (c, n, t)
         What the other sensors see, where they are measured.
     """
@@ -93,7 +94,7 @@ class Motions:
         return self.x, self.y, self.heading, self.yaw_rate, self.wheel_speed
 
     def seen(self, sensor: Sensor) -> Sequence[FloatArray]:
-        """Return what a sensor sees, as `errors_of` says: rows (n, t).
+        """Return the rows (n, t) that a sensor sees, as `errors_of` says.
 
         Parameters
         ----------
@@ -113,7 +114,7 @@ class Motions:
         }[sensor]
 
     def sensed(self, sensor: Sensor, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what a sensor sees at times.
+        """Return the values that a sensor sees at times, and their slopes.
 
         Parameters
         ----------
@@ -125,7 +126,7 @@ class Motions:
         Returns
         -------
         values : ndarray of float, shape (c, m, n)
-            Of each motion.
+            Rows that the sensor sees (`errors_of`) at the times, in each of the n motions.
         slopes : ndarray of float, shape (c, m)
             Their derivatives by time, of the first motion.
         """
