@@ -45,7 +45,7 @@ class Fleet:
     Attributes
     ----------
     vehicles : mapping of str to ManyDrives
-        What the drives of each vehicle show; shared parameters are those of all.
+        Result for each vehicle, by name; shared parameters are those of all.
     populations : mapping of str to Population
         By parameter, of the vehicles whose drives show it; a parameter that fewer than
         `estimation.population.FEWEST` vehicles show has none. Of one that changes, at the time
@@ -126,7 +126,7 @@ def identify_fleet(
     vehicle : Vehicle
         Known constants and ranges, the same for all.
     folder : Path
-        Where the drives are kept once they are read.
+        Folder in which the drives are kept once they are read.
     shared : sequence of str, optional
         Parameters that are the same in all vehicles.
     own : sequence of str, optional
@@ -138,13 +138,13 @@ def identify_fleet(
     effects : sequence of str, optional
         Effects (of `EFFECTS`) that are estimated beside the parameters of each vehicle. All act.
     executor : concurrent.futures.Executor, optional
-        As of `identify_many`.
+        Executor, as for `identify_many`.
     leave_out : bool
         Whether bags that cannot be used are left out, instead of being an error.
     other_vehicle : bool
-        As of `identify_many`.
+        Whether drives may have been planned for another vehicle, as for `identify_many`.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     level : float
         Probability of the intervals.
     seed : int
@@ -327,7 +327,7 @@ class Course:
 
 
 def course(found: ManyDrives, parameter: str) -> Course:
-    """Return a parameter by each drive of a vehicle, the other parameters being those of all.
+    """Return the estimates of a parameter by each drive, the others being those of all drives.
 
     Others that change do so at the rate that was found.
     Of more than `MOST_POINTS` drives those that follow each other are taken together.

@@ -299,7 +299,7 @@ class DriveEvidence:
     Attributes
     ----------
     estimates : ndarray of float, shape (v, q)
-        Estimates for each vehicle.
+        Estimates of the variables for each vehicle.
     covariances : ndarray of float, shape (v, q, q)
         Covariance of each vehicle's estimates, if what all vehicles share were known.
     common_errors : ndarray of float, shape (v, q, e)
@@ -346,7 +346,7 @@ class DriveEvidence:
         rates : Population
             Population of the rates.
         width : float
-            What a rate of 1 is in its unit.
+            Value of a rate of 1 in the unit of `rates`.
         level : float
             Probability of the intervals.
         """

@@ -107,7 +107,7 @@ class WhitenessEntry:
     Attributes
     ----------
     drive, channel : str
-        Names.
+        Names of the drive and the channel.
     rms : float
         Root mean square of the residuals, in the channel's unit.
     correlation, statistic : float, optional
@@ -150,7 +150,7 @@ class IdentificationDocument:
     vehicle, vehicle_hash : str
         Name and hash of the vehicle file.
     drives : tuple of str
-        Names.
+        Names of the drives.
     level : float
         Probability of the intervals.
     parameters : mapping of str to ParameterEntry
@@ -182,7 +182,7 @@ class IdentificationDocument:
     seconds : float
         Time that the computation took [s].
     effects : tuple of EffectEstimate
-        What was estimated beside the parameters.
+        Effects that were estimated beside the parameters.
     scatter : float or None
         As in `Identification`; None where it is not known.
     missed : float
@@ -254,7 +254,7 @@ def document_of(found: Identification) -> IdentificationDocument:
     Parameters
     ----------
     found : Identification
-        What `identify` returned.
+        Result of `identify`.
     """
     return IdentificationDocument(
         vehicle=found.vehicle,
@@ -300,7 +300,7 @@ def document_of_many(found: ManyDrives) -> IdentificationDocument:
     Parameters
     ----------
     found : ManyDrives
-        What `identify_many` found.
+        Result of `identify_many`.
     """
     return IdentificationDocument(
         vehicle=found.vehicle,

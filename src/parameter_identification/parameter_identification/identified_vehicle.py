@@ -39,7 +39,7 @@ def kind_of_drives(found: Identification | ManyDrives) -> str:
     Parameters
     ----------
     found : Identification or ManyDrives
-        What was identified.
+        Result of the identification.
     """
     return "windows" if all(_recordings(found)) else "drives"
 
@@ -50,7 +50,7 @@ def named_drives(found: Identification | ManyDrives) -> str:
     Parameters
     ----------
     found : Identification or ManyDrives
-        What was identified.
+        Result of the identification.
     """
     names, recordings = [drive.name for drive in found.drives], _recordings(found)
     if len(names) <= NAMED:

@@ -98,7 +98,7 @@ class Planned:
     noise : MeasurementNoise
         Noise of the sensors.
     time : ndarray of float, shape (s,)
-        Since the start event [s].
+        Times since the start event [s].
     std : ndarray of float, shape (s, k)
         Standard deviations of the unknown parameters then, in their units.
     """
@@ -135,7 +135,7 @@ class Planned:
         Parameters
         ----------
         time : float
-            Since the start event [s].
+            Time since the start event [s].
         """
         return np.array([np.interp(time, self.time, column) for column in self.std.T])
 
@@ -316,7 +316,7 @@ class LiveIdentification:
         sensor : Sensor
             Sensor that measured the sample.
         stamp : int
-            When [ns]; a sample that is not newer than the one before is left out, unless its clock
+            Stamp [ns]; a sample that is not newer than the one before is left out, unless its clock
             has begun anew: those that are not older than it then go.
         values : tuple of float
             One per channel; a sample that holds no finite number is left out.
@@ -391,7 +391,7 @@ class LiveIdentification:
         commands : Commands
             Commands that are played.
         start : int
-            When the first one is [ns].
+            Stamp of the first command [ns].
         planned : Planned, optional
             Compared with what is learnt.
         prior : GaussianPrior, optional

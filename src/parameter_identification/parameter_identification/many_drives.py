@@ -80,13 +80,13 @@ class ManyDrives:
     level : float
         Probability of the intervals.
     effects : tuple of EffectEstimate
-        What all drives have in common beside the parameters; of deviations their sizes.
+        Effects that all drives have in common; of deviations their sizes.
     others : mapping of str to Estimate
         Parameters that were not asked for, but estimated.
     fixed : mapping of str to float
         Parameters that were held at their nominal values: no interval counts an error in them.
     measured : frozenset of Input
-        What moved as measured, not as the commands say.
+        Inputs that moved as measured, not as the commands say.
     seed : int
         Seed of the starts.
     """
@@ -165,10 +165,10 @@ def identify_many(
     vehicle : Vehicle
         Known constants and ranges.
     folder : Path
-        Where the drives are kept once they are read, by the content of their bags: the same call
+        Folder in which the drives are kept once read, by the content of their bags: the same call
         goes on where another one was ended.
     executor : concurrent.futures.Executor, optional
-        Executor whose workers see bags and folder. The result is the same by any. Default: this
+        Executor whose workers see bags and folder. The result is the same with any. Default: this
         process.
     prior : GaussianPrior, optional
         Knowledge before the drives. Parameters that it does not name keep their ranges.
@@ -183,7 +183,7 @@ def identify_many(
     other_vehicle : bool
         Whether drives may have been planned for another vehicle, as with an earlier file of it.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     level : float
         Probability of the intervals.
     seed : int

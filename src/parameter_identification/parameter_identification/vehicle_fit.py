@@ -157,7 +157,7 @@ class VehicleFit:
         Parameters
         ----------
         costs : sequence of VehicleCost
-            The one of this vehicle.
+            Cost of this vehicle, as the only item.
         """
         return costs[0].cost
 

@@ -39,7 +39,7 @@ def check_agreement(
     Parameters
     ----------
     recording : Recording
-        What was measured.
+        Recording to check.
     motion : Motion
         Motion of the recording: its poses, smoothed, on ticks.
     vehicle : Vehicle

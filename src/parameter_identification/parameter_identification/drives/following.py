@@ -90,7 +90,7 @@ def servo_angle(commands: Commands, time: FloatArray, vehicle: Vehicle) -> Float
     commands : Commands
         Commands of a drive.
     time : ndarray of float, shape (m,)
-        Since the start event [s].
+        Times since the start event [s].
     vehicle : Vehicle
         Vehicle that drove; its servo and slew rate are used.
     """

@@ -166,7 +166,7 @@ def is_kept(file: Path) -> bool:
     Parameters
     ----------
     file : Path
-        To be written by `keep`.
+        File that `keep` writes.
     """
     try:
         with _arrays_of(file):

@@ -89,7 +89,7 @@ class Signal:
     Attributes
     ----------
     time : ndarray of float, shape (m,)
-        Since the start event [s], strictly increasing.
+        Times since the start event [s], strictly increasing.
     values : ndarray of float, shape (m, c)
         One column per channel; headings are continuous.
     jitter : float
@@ -124,7 +124,7 @@ class Signal:
         Parameters
         ----------
         start, end : float
-            Since the start event [s].
+            Times since the start event [s].
         """
         inside = (self.time >= start) & (self.time <= end)
         return replace(self, time=self.time[inside], values=self.values[inside])
@@ -198,7 +198,7 @@ class MeasuredDrive:
     complete : bool
         False where the recording was cut off, lacks messages, or does not hold the end.
     began : float
-        When it was recorded [s since 1970]; NaN: not known.
+        Time at which it was recorded [s since 1970]; NaN: not known.
     steering_angle : Samples, optional
         Measured angle of the steering motor, left positive [rad], since the start event [s].
     speed : ndarray of float, shape (t,), optional
@@ -271,7 +271,7 @@ def read_measured_drive(
     vehicle : Vehicle
         Vehicle that drove; its tyre radius turns wheel rates into speeds.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
 
     Raises
     ------

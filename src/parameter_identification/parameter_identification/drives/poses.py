@@ -50,7 +50,7 @@ class PlanarTrajectory:
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Since the start event [s], strictly increasing.
+        Times since the start event [s], strictly increasing.
     x, y : ndarray of float, shape (t,)
         Position [m].
     heading : ndarray of float, shape (t,)

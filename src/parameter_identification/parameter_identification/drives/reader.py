@@ -52,7 +52,7 @@ def read_drive(
     bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     sensors : bool
         Whether to read joint states and yaw rates too; judging alone does not need them.
 
@@ -77,7 +77,7 @@ def read_way_back(bag: Path, *, topics: TopicNames | None = None) -> PlanarTraje
     bag : Path
         Bag of a way back alone, or of a drive that begins after one.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
 
     Raises
     ------

@@ -30,9 +30,9 @@ class TopicNames:
     pose : str
         Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix.
     reference, state, commands, lead_in, played : str
-        What planner and maneuver driver publish.
+        Topics of planner and maneuver driver.
     readiness, diagnostics : str
-        What the bridge publishes: whether the vehicle was armed.
+        Topics of the bridge: whether the vehicle was armed.
     imu, joint_states : str
         Sensors that only an identification needs.
     child_frame : str
@@ -141,13 +141,13 @@ class RecordedDrive:
     Attributes
     ----------
     bag : Path
-        Where it was recorded.
+        Path of the bag.
     plan_id : str
         Identifier of the plan that was driven.
     start : int
         Stamp of the start event [ns], by the clock that stamps the poses.
     recorded : int
-        When the start event was recorded [ns since 1970], by the recorder's clock.
+        Time at which the start event was recorded [ns since 1970], by the recorder's clock.
     poses : PlanarTrajectory
         Measured, in the frame of the sensor; with what was recorded before and after the drive.
     reference : PlanarTrajectory
@@ -157,7 +157,7 @@ class RecordedDrive:
     complete : bool
         False where the bag was cut off, lacks a file or messages, or does not hold the end.
     metadata : mapping of str to str
-        What the recorder noted.
+        Notes of the recorder.
     joint_states, imu : JointStates, ImuSamples, optional
         None where the bag has none, or they were not read.
     wheel_rates : mapping of str to Samples
@@ -169,7 +169,7 @@ class RecordedDrive:
         Time at which the driver ended the maneuver, because no more of it was needed [s]; the
         reference ends then, the commands go on. None: it was driven to its end.
     lead_in : SteeredLeadIn, optional
-        What the driver steered closed loop before the commands; None: nothing.
+        Steering by the driver, closed loop, before the commands; None: there was none.
     """
 
     bag: Path

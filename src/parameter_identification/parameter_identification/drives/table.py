@@ -183,7 +183,7 @@ class Columns:
         From the column to the steering motor's angle; the angle itself by default. "estimate": gain
         and offset, from the recording.
     sensor : SensorPlace
-        Where the pose is measured.
+        Place on the body where the pose is measured.
 
     Raises
     ------
@@ -360,7 +360,7 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
     path : Path or str
         ``.csv`` or ``.csv.gz`` with a header.
     columns : Columns
-        What is what.
+        Columns of the table.
     vehicle : Vehicle, optional
         Vehicle that drove; its tyres' radii are needed where wheel speeds are in m/s or km/h.
 

@@ -183,7 +183,7 @@ def turned_angle(motion: Motion, vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     motion : Motion
-        What was driven.
+        Motion that was driven.
     vehicle : Vehicle
         Vehicle that drove; its linkage, tyres and wheelbase are used.
     """
@@ -286,7 +286,7 @@ def read_windows(
     vehicle : Vehicle
         Vehicle that drove.
     columns : Columns
-        What is what.
+        Columns of the table.
     windows : Windows, optional
         Choice of the windows. Default: `Windows()`.
 
@@ -500,7 +500,7 @@ def recorded_commands(
     steering : SteeringMap
         From the recording's steering to the angle of the steering motor.
     start : float
-        When they begin [s].
+        Time at which the commands begin [s].
 
     Raises
     ------

@@ -55,9 +55,9 @@ def check_drives(
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        All of them, also those that will only be predicted.
+        All drives, also those that will only be predicted.
     vehicle : Vehicle
-        The one that should have driven.
+        Vehicle that should have driven.
     other_vehicle : bool
         Whether they may have been planned for another vehicle, as with an earlier file of this one.
 
@@ -94,7 +94,7 @@ def check_motion(drive: MeasuredDrive) -> None:
     Parameters
     ----------
     drive : MeasuredDrive
-        What was measured.
+        Drive to check.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def check_reference(drive: MeasuredDrive, vehicle: Vehicle) -> None:
     drive : MeasuredDrive
         Drive whose reference is compared; without a reference, nothing is checked.
     vehicle : Vehicle
-        The one that should have driven.
+        Vehicle that should have driven.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        What was measured.
+        Drives to check.
     vehicle : Vehicle
         Vehicle that should have driven; its nominal values are used.
 

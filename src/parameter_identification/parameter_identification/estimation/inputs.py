@@ -67,7 +67,7 @@ def effects_of_columns(columns: Columns) -> tuple[str, ...]:
     Parameters
     ----------
     columns : Columns
-        What the table has.
+        Columns of the table.
     """
     of_map = _OF_ESTIMATED_MAP if isinstance(columns.steering_map, str) else ()
     of_speed = _OF_SPEED_SETPOINTS if columns.speed_command is not None else ()
@@ -86,7 +86,7 @@ def measured_inputs(
     vehicle : Vehicle
         The gains of its servo and speed loop, and their dead times, may be others.
     inputs : Inputs
-        What is asked for.
+        Choice of the inputs.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def speed_misfits(
     effects : sequence of str
         Names of the effects (of `EFFECTS`) that are fitted too; deviations are not.
     measured : collection of Input
-        What moves as measured.
+        Inputs that move as measured.
     """
     varied = [e for e in effects_of(vehicle, effects) if not e.process]
     models = [DriveModel(vehicle, drive, varied, measured=measured) for drive in drives]

@@ -33,7 +33,7 @@ class SensorError:
     channel : int
         Channel of the sensor that the error is added to.
     factor : int, optional
-        What it is multiplied by: a row of what the sensor sees; None: 1.
+        Row of what the sensor sees by which the error is multiplied; None: 1.
     """
 
     name: str
@@ -70,7 +70,7 @@ def errors_of(sensor: Sensor, signal: Signal) -> tuple[SensorError, ...]:
     sensor : Sensor
         Sensor that measured the signal.
     signal : Signal
-        What it measured.
+        Signal that was measured.
     """
     if sensor is Sensor.WHEEL_SPEEDS:
         return tuple(

@@ -216,7 +216,7 @@ def _evidence(
     odds : ndarray of float, shape (g,)
         Logarithm of those of each effect before the drives.
     shown : ndarray of float, shape (g,)
-        How clearly the drives show each beside all others: chi squared.
+        Chi squared by which the drives show each effect beside all others.
 
     Returns
     -------

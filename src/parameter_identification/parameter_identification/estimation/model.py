@@ -79,7 +79,7 @@ class DriveModel:
     simulator : callable
         Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
     measured : collection of Input
-        What moves as measured, where the drive tells it, instead of as commanded. A wheel that does
+        Inputs that move as measured where the drive tells them, not as commanded. A wheel that does
         so is no sensor any more, and `OF_INPUT` has no effect.
 
     Attributes
@@ -93,7 +93,7 @@ class DriveModel:
     shared : int
         Number of nuisances, the first ones, that all drives have in common.
     nuisances : tuple of Nuisance
-        All of them: those of the motion, then those of what is seen of it.
+        All nuisances: those of the motion, then those of what is seen of it.
     """
 
     def __init__(

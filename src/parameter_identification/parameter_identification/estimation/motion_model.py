@@ -107,7 +107,7 @@ class _Followed:
     setpoints, measured : ndarray of float, shape (t - 1,)
         Set-points on the ticks: those commanded, and those that give what was measured.
     moves : ndarray of bool, shape (t - 1,)
-        Where an error of the sensor's zero acts.
+        True where an error of the sensor's zero acts.
     """
 
     setpoints: FloatArray
@@ -136,7 +136,7 @@ class MotionModel:
     simulator : callable
         Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
     measured : collection of Input
-        What moves as measured, where the drive tells it.
+        Inputs that move as measured, where the drive tells them.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class MotionModel:
         Drive with the signals that are compared: not those of sensors that the simulator lacks, nor
         the speed of wheels that move as measured.
     measured : frozenset of Input
-        What moves so here.
+        Inputs that move as measured on this drive.
     time : ndarray of float, shape (t,)
         Ticks, since the start event [s].
     nuisances : tuple of Nuisance

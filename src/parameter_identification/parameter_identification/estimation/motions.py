@@ -47,11 +47,11 @@ class Batch(Protocol):
         columns : sequence of str
             Names of columns of a trajectory.
         speed : ndarray of float, shape (n,), optional
-            At which the samples roll at the start [m/s]; by default they are at rest.
+            Speed at which the samples roll at the start [m/s]; by default they are at rest.
         steering_delay : ndarray of float, shape (n,), optional
-            By which each servo hears of its set-point later [s].
+            Time by which each servo hears of its set-point later [s].
         drive_delay : float
-            By which the motor hears of its set-point later [s].
+            Time by which the motor hears of its set-point later [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s].
         steered : ndarray of float, shape (n, t), optional
@@ -78,7 +78,7 @@ class Motions:
         Position, heading and yaw rate of `base_link` [m, m, rad, rad/s]; rotation rate of the
         driven wheel [rad/s].
     others : dict of Sensor to ndarray of float, shape (c, n, t)
-        What the other sensors see, where they are measured.
+        Values that the other sensors see, where they are measured.
     """
 
     x: FloatArray
@@ -99,7 +99,7 @@ class Motions:
         Parameters
         ----------
         sensor : Sensor
-            One that is measured.
+            Sensor of which the drive has a signal.
         """
         if sensor is Sensor.LATERAL_ACCELERATION:
             return [*self.others[sensor], np.gradient(self.yaw_rate, TICK, axis=1)]
@@ -119,7 +119,7 @@ class Motions:
         Parameters
         ----------
         sensor : Sensor
-            One that is measured.
+            Sensor of which the drive has a signal.
         time : ndarray of float, shape (m,)
             Times [s].
 

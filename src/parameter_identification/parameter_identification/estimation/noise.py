@@ -194,7 +194,7 @@ def restricted_noise(
     others : ndarray of float, shape (n + 1, n + 1)
         Part of the other sensors and of the priors in [J r]ᵀ[J r], whitened.
     start : NoiseLevel
-        Where to begin; at a drift of a third of the white part at least.
+        Noise at which the search begins; with a drift of a third of the white part at least.
     floor : float
         Smallest level: that of rounding.
 

@@ -42,7 +42,7 @@ class Interval:
         Parameters
         ----------
         factor : float
-            By which its numbers are larger there; positive.
+            Factor by which its numbers are larger in that unit; positive.
         """
         return Interval(factor * self.middle, factor * self.low, factor * self.high)
 
@@ -239,7 +239,7 @@ def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
 
 
 def _from_others(given: _Given, away: NDArray[np.bool_]) -> FloatArray:
-    """Signed distance (v,) of each vehicle from its prediction by the others, in deviations.
+    """Signed distances (v,) of vehicles from predictions by the others, in standard deviations.
 
     Vehicles marked `away` are left out of the predictions.
     """

@@ -107,7 +107,7 @@ class LeastSquares(Closing):
     low, high : ndarray of float, shape (n,)
         Bounds of the variables.
     noise : dict of Sensor to NoiseLevel
-        By which residuals are weighted; `estimate_noise` sets it.
+        Noise of each sensor, by which residuals are weighted; `estimate_noise` sets it.
     floors : dict of Sensor to float
         Noise that rounding makes, at least.
     samples_in_all : int

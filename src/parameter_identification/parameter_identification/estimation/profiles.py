@@ -30,7 +30,7 @@ class ProfileCurve:
     rise : ndarray of float, shape (g,)
         Rise of the cost above its minimum at each value, the other variables fitted anew.
     interval : (float, float)
-        Where it is as high as the level allows, within 0 to 1.
+        Ends at which the rise is as high as the level allows, within 0 to 1.
     """
 
     z: FloatArray

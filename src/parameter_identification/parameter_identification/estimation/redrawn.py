@@ -137,7 +137,7 @@ def redraw_of(tables: Sequence[Table]) -> Redraw | None:
     Parameters
     ----------
     tables : sequence of Table
-        All that a fit is of.
+        All tables that are fitted together.
     """
     if max(table.scatter for table in tables) < SCATTERED:
         return None

@@ -222,11 +222,11 @@ class DriveFit:
         Weights of the m samples; below 1 where errors of their stamps or the robust loss reduce
         them.
     lack : Lack, optional
-        What the model lacks along the drive.
+        Misfit of the model along the drive.
     recording : str
-        As of a `MeasuredDrive`.
+        Name of the recording that the drive is a window of; empty: a drive of its own.
     map_estimated : bool
-        As of a `MeasuredDrive`.
+        Whether its steering's angle is by a map that was estimated from the recording.
     """
 
     name: str
@@ -279,7 +279,7 @@ def asked_for(
     Parameters
     ----------
     parameters : mapping of str to Estimate
-        All that were estimated.
+        Estimates of all parameters, by name.
     covariance : ndarray of float, shape (k, k)
         Covariance of the estimates, in the order of `parameters`.
     names : collection of str
@@ -347,7 +347,7 @@ class Identification:
     seconds : float
         Time that the computation took [s].
     effects : tuple of EffectEstimate
-        What was estimated beside the parameters.
+        Effects that were estimated beside the parameters.
     scatter : float
         Largest ratio of a standard deviation by the drives' scatter to that by the noise; NaN for
         one drive. Far above 1 the drives contradict each other: the model lacks something.
@@ -355,7 +355,7 @@ class Identification:
         How much farther than expected the worst drive is from the others' prediction of it [m]
         (RMS); 0 where that may be chance.
     measured : frozenset of Input
-        What moved as measured, not as the commands say.
+        Inputs that moved as measured, not as the commands say.
     friction_used : float
         Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     others : mapping of str to Estimate

@@ -46,7 +46,7 @@ class FitSetting:
     sizes : mapping of str to float
         Size of each deviation among the effects, by name, in standard deviations of its prior.
     measured : frozenset of Input
-        What moves as measured in all drives.
+        Inputs that move as measured in all drives.
     """
 
     vehicle: Vehicle
@@ -70,7 +70,7 @@ class DriveShare:
     name : str
         Name of the drive.
     began : float
-        When it began [s since 1970]; NaN: not known.
+        Time at which it began [s since 1970]; NaN: not known.
     samples : int
         Numbers measured.
     at : ndarray of float, shape (c,)
@@ -175,7 +175,7 @@ def share_of(
     common : ndarray of float, shape (c,)
         The point.
     own : ndarray of float, shape (q,), optional
-        Where the search of its own variables begins. Default: the means of their priors.
+        Own variables at which their search begins. Default: the means of their priors.
     """
     if reason := missing_inputs(setting, drive):
         raise IdentificationError(f"{drive.name}: {reason}")

@@ -15,7 +15,7 @@ def check_unknown(vehicle: Vehicle, names: Iterable[str]) -> None:
     vehicle : Vehicle
         Vehicle that has the unknown parameters.
     names : iterable of str
-        To be checked.
+        Names to be checked.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def restrict(vehicle: Vehicle, parameters: Sequence[str]) -> Vehicle:
     vehicle : Vehicle
         Vehicle in which at least these parameters are unknown.
     parameters : sequence of str
-        Names.
+        Names of the parameters that stay unknown.
 
     Raises
     ------

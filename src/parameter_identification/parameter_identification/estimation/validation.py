@@ -273,7 +273,7 @@ def predict_held_out(
     optimum : Optimum
         The best fit.
     drive : MeasuredDrive
-        One that was not used for it.
+        Drive that was not used for the fit.
     loss : Loss
         Cost of a residual.
     level : float

@@ -23,7 +23,7 @@ class Whiteness:
     Attributes
     ----------
     drive, channel : str
-        Names.
+        Names of the drive and the channel.
     rms : float
         Root mean square of the residuals, in the channel's unit.
     correlation : float
@@ -81,7 +81,7 @@ def whiteness(
     Parameters
     ----------
     drive, channel : str
-        Names.
+        Names of the drive and the channel.
     time : ndarray of float, shape (m,)
         Times of the samples [s].
     measured, residuals : ndarray of float, shape (m,)

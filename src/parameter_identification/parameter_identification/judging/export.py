@@ -56,7 +56,7 @@ def export(
     Parameters
     ----------
     judgements : sequence of Judgement
-        What the files of `exported_files` are made of.
+        Drives to save, one or two files each (`exported_files`).
     directory : Path
         Created if need be; files of the same name are replaced.
     export_format : ExportFormat

@@ -68,7 +68,7 @@ class TimeSeries:
     Attributes
     ----------
     time : ndarray of float, shape (j,)
-        Since the start event [s].
+        Times since the start event [s].
     x, y, heading : ndarray of float, shape (j,)
         Measured [m] and [rad].
     reference_x, reference_y, reference_heading : ndarray of float, shape (j,)
@@ -103,7 +103,7 @@ class Judgement:
     Attributes
     ----------
     bag : Path
-        Where the drive was recorded.
+        Path of the bag that was judged.
     plan_id : str
         Identifier of the plan that was driven.
     te : float
@@ -168,9 +168,9 @@ def judge(
     bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     anchor : Anchor
-        Where the reference starts; `Anchor.FIT` aligns it with the measured poses.
+        Choice of where the reference starts; `Anchor.FIT` aligns it with the measured poses.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> 
     drive : RecordedDrive
         From `read_drive`.
     anchor : Anchor
-        Where the reference starts.
+        Choice of where the reference starts.
 
     Raises
     ------
