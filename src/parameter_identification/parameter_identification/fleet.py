@@ -46,7 +46,7 @@ class Fleet:
     Attributes
     ----------
     vehicles : mapping of str to ManyDrives
-        What the drives of each vehicle show; shared parameters are those of all.
+        Result for each vehicle, by name; shared parameters are those of all.
     populations : mapping of str to Population
         By parameter, of the vehicles whose drives show it; a parameter that fewer than
         `estimation.population.FEWEST` vehicles show has none. Of one that changes, at the time
@@ -79,7 +79,7 @@ class Fleet:
 
     @property
     def outliers(self) -> tuple[tuple[str, bool, Member], ...]:
-        """What is odd, the oddest first: parameter, whether its rate is meant, vehicle."""
+        """Odd vehicles, the oddest first: parameter, whether its rate is odd, and the vehicle."""
         found = [(name, False, m) for name, p in self.populations.items() for m in p.members]
         found += [(name, True, m) for name, p in self.changes.items() for m in p.members]
         odd = [(name, rate, member) for name, rate, member in found if member.odd]
@@ -127,29 +127,29 @@ def identify_fleet(
     vehicle : Vehicle
         Known constants and ranges, the same for all.
     folder : Path
-        Where the drives are kept once they are read.
+        Folder in which the drives are kept once they are read.
     shared : sequence of str, optional
         Parameters that are the same in all vehicles.
     own : sequence of str, optional
         Parameters of which nothing is concluded from one vehicle to another. Those that are neither
         are drawn from a population.
     changing : sequence of str, optional
-        Of those drawn from a population: those that change linearly in time. Of at least `FEWEST`
-        vehicles the first and the last drive are `APART`.
+        Parameters that change linearly in time, among those drawn from a population. The first and
+        the last drive of at least `FEWEST` vehicles must be at least `APART` apart.
     effects : sequence of str, optional
-        Of `EFFECTS`: estimated beside the parameters of each vehicle. All act.
+        Effects (of `EFFECTS`) that are estimated beside the parameters of each vehicle. All act.
     executor : concurrent.futures.Executor, optional
-        As of `identify_many`.
+        Executor, as for `identify_many`.
     leave_out : bool
         Whether bags that cannot be used are left out, instead of being an error.
     other_vehicle : bool
-        As of `identify_many`.
+        Whether drives may have been planned for another vehicle, as for `identify_many`.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     level : float
         Probability of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     progress : callable, optional
         Called with the number of bags read and vehicles fitted alone, and that of both in all.
 
@@ -329,7 +329,7 @@ class Course:
 
 
 def course(found: ManyDrives, parameter: str) -> Course:
-    """Return what each drive of a vehicle says of a parameter, the others being those of all.
+    """Return the estimates of a parameter by each drive, the others being those of all drives.
 
     Others that change do so at the rate that was found.
     Of more than `MOST_POINTS` drives those that follow each other are taken together.
@@ -337,9 +337,9 @@ def course(found: ManyDrives, parameter: str) -> Course:
     Parameters
     ----------
     found : ManyDrives
-        Of a vehicle of a fleet.
+        Result for a vehicle of a fleet.
     parameter : str
-        Its name.
+        Name of the parameter.
     """
     low, high = found.parameters[parameter].range
     i, k = list(found.parameters).index(parameter), len(found.parameters)

@@ -91,7 +91,7 @@ class FleetFit:
         Parameters
         ----------
         costs : sequence of VehicleCost
-            Of each vehicle, with the prior.
+            Cost of each vehicle, with the prior.
         """
         off = (costs[0].at - self.fits[0].variables.mean)[list(self.common)]
         return sum(cost.cost for cost in costs) - float(off @ self._repeated() @ off)
@@ -107,11 +107,11 @@ class FleetFit:
         return self.fits[0].variables.information[np.ix_(places, places)]
 
     def _repeated(self) -> FloatArray:
-        """What the vehicles' fits count of it too often: once for each but one."""
+        """Prior information (s, s) that the fits count too often: once for each but one."""
         return (len(self.fits) - 1) * self._prior()
 
     def _arrow(self, points: FloatArray) -> Arrow:
-        """What all say at points (v, n), by their derivatives close by."""
+        """Cost of all vehicles near points (v, n), by their derivatives close by."""
         sums, mean = [fit.quadratic for fit in self.fits], self.fits[0].variables.mean
         shifted = [
             s.gradient + s.information @ (point - s.at)
@@ -184,13 +184,13 @@ class FleetPosterior:
     common, own : ndarray of int, shape (s,) and (m,)
         Places of the variables that are the same in all, and of the others.
     shared_covariance : ndarray of float, shape (s, s)
-        Of the common variables.
+        Covariance of the common variables.
     own_covariance : ndarray of float, shape (v, m, m)
-        Of the other variables, if the common ones were known.
+        Covariance of the other variables of each vehicle, if the common ones were known.
     sensitivity : ndarray of float, shape (v, m, s)
         Derivatives of the best other variables by the common ones.
     beyond : ndarray of bool, shape (s,)
-        Which common ones all drives together pull beyond their ranges.
+        True for common variables that all drives together pull beyond their ranges.
     """
 
     fits: Sequence[VehicleFit]
@@ -255,7 +255,7 @@ class FleetPosterior:
         return tuple(name for j, name in enumerate(names) if beyond[j] and j not in self.common)
 
     def without_prior(self, at: Sequence[int], level: float) -> "DriveEvidence":
-        """What the drives alone tell of variables of each vehicle: a level, and perhaps its rate.
+        """Return the evidence of the drives alone of a level of each vehicle, and perhaps its rate.
 
         The prior would otherwise count for every vehicle. A vehicle that is held at the end of a
         range shows none of them: what it is held by, its other parameters make up for.
@@ -298,13 +298,13 @@ class DriveEvidence:
     Attributes
     ----------
     estimates : ndarray of float, shape (v, q)
-        Of each vehicle.
+        Estimates of the variables for each vehicle.
     covariances : ndarray of float, shape (v, q, q)
-        Of them, if what all vehicles share were known.
+        Covariance of each vehicle's estimates, if what all vehicles share were known.
     common_errors : ndarray of float, shape (v, q, e)
         Their change by one standard deviation of each of e errors that they have in common.
     shown : sequence of bool
-        Of all vehicles, whether the drives show the level.
+        For each vehicle of the fleet, whether its drives show the level.
     """
 
     estimates: FloatArray
@@ -343,9 +343,9 @@ class DriveEvidence:
         Parameters
         ----------
         rates : Population
-            Of the rates.
+            Population of the rates.
         width : float
-            What a rate of 1 is in its unit.
+            Value of a rate of 1 in the unit of `rates`.
         level : float
             Probability of the intervals.
         """

@@ -129,7 +129,7 @@ def identify(
     held_out : sequence of MeasuredDrive, optional
         Drives to be predicted with the estimates.
     effects : sequence of str, optional
-        Of `EFFECTS`: estimated beside the parameters.
+        Effects (of `EFFECTS`) that are estimated beside the parameters.
     weighed : bool
         Whether the result is the average over the models with and without each effect, instead of
         that with all of them. Its intervals are those of the average, never profiles.
@@ -137,7 +137,7 @@ def identify(
         Whether steering and wheels follow their commands, as servo and speed loop of the vehicle
         file do, or move as measured. With an FMU they follow the commands.
     simulator : callable
-        Of the drives: our own model, or an FMU (`tricycle_sim.fmi.batch.FmuSimulator`).
+        Simulator of the drives: our own model, or an FMU (`tricycle_sim.fmi.batch.FmuSimulator`).
     loss : Loss or str
         Cost of a residual.
     starts : int
@@ -152,7 +152,7 @@ def identify(
         Gives the drives anew, for what errs alike in all of them before the fit: the intervals are
         at least as wide as estimates from drives of a known vehicle scatter and err.
     seed : int
-        Of the starts, and of what is redrawn.
+        Seed of the starts, and of what is redrawn.
     progress : callable, optional
         Called with the number of steps done and in all: fits, and estimates of a sensor's noise.
 
@@ -282,7 +282,7 @@ def identify(
 def _measured(
     drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs, simulator: Simulator
 ) -> frozenset[Input]:
-    """What moves as measured; other simulators than our own have actuators of their own."""
+    """Inputs that move as measured; other simulators than our own have actuators of their own."""
     if simulator is CommandedBatch:
         return measured_inputs(drives, vehicle, inputs)
     if inputs is Inputs.MEASURED:

@@ -41,13 +41,13 @@ class ParameterEntry:
     estimate, low, high : float
         Estimate and ends of its interval.
     unit : str
-        Of all numbers.
+        Unit of the parameter, in which all numbers are.
     standard_deviation : float, optional
-        Of the estimate.
+        Standard deviation of the estimate.
     linear : (float, float), optional
         Interval by linearisation.
     range : (float, float)
-        Of the vehicle file.
+        Ends of the parameter's range in the vehicle file.
     identifiable : bool
         Whether the drives show it.
     profile : Profile, optional
@@ -91,7 +91,7 @@ class NoiseEntry:
     drift_time : float
         Correlation time [s].
     unit : str
-        Of `white` and `drift`.
+        Unit of `white` and `drift`.
     """
 
     white: float
@@ -107,9 +107,9 @@ class WhitenessEntry:
     Attributes
     ----------
     drive, channel : str
-        Names.
+        Names of the drive and the channel.
     rms : float
-        Of the residuals, in the channel's unit.
+        Root mean square of the residuals, in the channel's unit.
     correlation, statistic : float, optional
         From one sample to the next, and Q of Ljung and Box; None where not tested.
     lags : int
@@ -150,13 +150,13 @@ class IdentificationDocument:
     vehicle, vehicle_hash : str
         Name and hash of the vehicle file.
     drives : tuple of str
-        Names.
+        Names of the drives.
     level : float
         Probability of the intervals.
     parameters : mapping of str to ParameterEntry
         The k parameters by name.
     covariance, correlation : ndarray of float, shape (k, k)
-        Of the estimates.
+        Covariance of the estimates, in their units, and their correlation.
     fixed : mapping of str to float
         Parameters that were held at their nominal values.
     hidden : tuple of Combination
@@ -178,11 +178,11 @@ class IdentificationDocument:
     starts : Starts
         Fits from different starts.
     seed : int
-        Of the starts.
+        Seed of the starts.
     seconds : float
-        That the computation took.
+        Time that the computation took [s].
     effects : tuple of EffectEstimate
-        What was estimated beside the parameters.
+        Effects that were estimated beside the parameters.
     scatter : float or None
         As in `Identification`; None where it is not known.
     missed : float
@@ -254,7 +254,7 @@ def document_of(found: Identification) -> IdentificationDocument:
     Parameters
     ----------
     found : Identification
-        What `identify` returned.
+        Result of `identify`.
     """
     return IdentificationDocument(
         vehicle=found.vehicle,
@@ -300,7 +300,7 @@ def document_of_many(found: ManyDrives) -> IdentificationDocument:
     Parameters
     ----------
     found : ManyDrives
-        What `identify_many` found.
+        Result of `identify_many`.
     """
     return IdentificationDocument(
         vehicle=found.vehicle,

@@ -34,12 +34,12 @@ OF_ESTIMATED_MAPS = STEERING_ZERO, STEERING_GAIN
 
 
 def kind_of_drives(found: Identification | ManyDrives) -> str:
-    """Return what the drives are: windows where all are of a recording.
+    """Return "windows" where all drives are of a recording, else "drives".
 
     Parameters
     ----------
     found : Identification or ManyDrives
-        What was identified.
+        Result of the identification.
     """
     return "windows" if all(_recordings(found)) else "drives"
 
@@ -50,7 +50,7 @@ def named_drives(found: Identification | ManyDrives) -> str:
     Parameters
     ----------
     found : Identification or ManyDrives
-        What was identified.
+        Result of the identification.
     """
     names, recordings = [drive.name for drive in found.drives], _recordings(found)
     if len(names) <= NAMED:
@@ -84,7 +84,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
     found : Identification or ManyDrives
         Result for that vehicle.
     source : Path or None
-        Its file; None: the packaged tricycle.
+        Vehicle file of that vehicle; None: the packaged tricycle.
     """
     document, vehicle = vehicle_document(source), load_vehicle(source)
     where = named_drives(found)

@@ -89,16 +89,16 @@ CHORD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """What a plan expects of its drive.
+    """Progress that a plan expects of its drive.
 
     Attributes
     ----------
     target : str
         Parameter that it is to excite.
     noise : MeasurementNoise
-        Of the sensors.
+        Noise of the sensors.
     time : ndarray of float, shape (s,)
-        Since the start event [s].
+        Times since the start event [s].
     std : ndarray of float, shape (s, k)
         Standard deviations of the unknown parameters then, in their units.
     """
@@ -110,14 +110,14 @@ class Planned:
 
     @classmethod
     def of(cls, plan: Plan, vehicle: Vehicle, prior: GaussianPrior | None = None) -> "Planned":
-        """Return what a plan expects.
+        """Return the progress that a plan expects of its drive.
 
         Parameters
         ----------
         plan : Plan
-            Of the drive alone, also where it was planned as one of several.
+            Plan of the drive alone, also where it was planned as one of several.
         vehicle : Vehicle
-            With the unknown parameters.
+            Vehicle that has the unknown parameters.
         prior : GaussianPrior, optional
             Knowledge before the drive, as that of `LiveIdentification.begin`.
 
@@ -135,19 +135,19 @@ class Planned:
         Parameters
         ----------
         time : float
-            Since the start event [s].
+            Time since the start event [s].
         """
         return np.array([np.interp(time, self.time, column) for column in self.std.T])
 
 
 @dataclass(frozen=True)
 class LiveEstimate:
-    """What is known of a parameter at a moment of a drive.
+    """Estimate of a parameter at a moment of a drive.
 
     Attributes
     ----------
     unit : str
-        Of all its values.
+        Unit of the parameter, in which all values are.
     estimate, standard_deviation : float
         From the samples so far and the prior.
     planned : float, optional
@@ -167,7 +167,7 @@ class LiveEstimate:
 
 @dataclass(frozen=True)
 class Moment:
-    """What is known at a moment of a drive.
+    """Estimates of the unknown parameters at a moment of a drive.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ class DriveVerdict:
     target : str
         Parameter that the drive was planned for.
     estimate : LiveEstimate
-        Of it, after the drive.
+        Estimate of that parameter after the drive.
     before : float
         Standard deviation of it before the drive.
     reasons : tuple of str
@@ -314,9 +314,9 @@ class LiveIdentification:
         Parameters
         ----------
         sensor : Sensor
-            That measured.
+            Sensor that measured the sample.
         stamp : int
-            When [ns]; a sample that is not newer than the one before is left out, unless its clock
+            Stamp [ns]; a sample that is not newer than the one before is left out, unless its clock
             has begun anew: those that are not older than it then go.
         values : tuple of float
             One per channel; a sample that holds no finite number is left out.
@@ -389,9 +389,9 @@ class LiveIdentification:
         Parameters
         ----------
         commands : Commands
-            That are played.
+            Commands that are played.
         start : int
-            When the first one is [ns].
+            Stamp of the first command [ns].
         planned : Planned, optional
             Compared with what is learnt.
         prior : GaussianPrior, optional
@@ -409,7 +409,7 @@ class LiveIdentification:
         Parameters
         ----------
         stamp : int
-            Of the set-point [ns].
+            Stamp of the set-point [ns].
         angle : float
             Left positive [rad].
         """
@@ -431,7 +431,7 @@ class LiveIdentification:
         Parameters
         ----------
         sensor : Sensor
-            That measured it.
+            Sensor that measured the sample.
         """
         samples = self._samples[sensor]
         return samples[-1][0] if samples else 0
@@ -441,7 +441,7 @@ class LiveIdentification:
         self._drive = None
 
     def update(self) -> Moment | None:
-        """Return what all samples of the drive have shown so far; None before they show anything.
+        """Return the estimates by all samples of the drive so far; None before they show anything.
 
         Raises
         ------
@@ -562,7 +562,7 @@ class LiveIdentification:
                     yield f"noise of {sensor.value} {found:.2g} {unit}, planned {white:.2g} {unit}"
 
     def _gaps(self, drive: "_Drive", end: float) -> Iterator[str]:
-        """Which sensors told nothing for a while of a drive: their samples were lost."""
+        """Messages on sensors of which samples of the drive were lost."""
         for sensor, samples in self._samples.items():
             time = np.array([(stamp - drive.start) * 1e-9 for stamp, _ in samples])
             steps = np.diff(time[(time >= 0.0) & (time <= end)])

@@ -39,19 +39,19 @@ def read_bags(
     bags : sequence of Path
         One drive each.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     folder : Path
-        Where the drives are kept.
+        Folder in which the drives are kept.
     executor : concurrent.futures.Executor, optional
         Default: this process.
     leave_out : bool
         Whether bags that cannot be used are left out, instead of being an error.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     progress : callable, optional
         Called with the number of bags read and in all.
     other_vehicle : bool
-        As that of `identify_many`.
+        Whether drives may have been planned for another vehicle, as for `identify_many`.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def some_of(left_out: Sequence[str]) -> str:
     Parameters
     ----------
     left_out : sequence of str
-        All of them.
+        All bags that were not used, with the reason.
     """
     more = "; …" if len(left_out) > NAMED else ""
     return f". Left out: {'; '.join(left_out[:NAMED])}{more}" if left_out else ""

@@ -64,9 +64,9 @@ class ManyDrives:
     Attributes
     ----------
     parameters : mapping of str to Estimate
-        With linear intervals.
+        Estimate of each parameter, by name, with its interval by linearisation.
     covariance : ndarray of float, shape (k, k)
-        Of the estimates, in their units.
+        Covariance of the estimates, in their units.
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
         10 drives. Far above 1 the drives contradict each other: the model lacks something.
@@ -81,15 +81,15 @@ class ManyDrives:
     level : float
         Probability of the intervals.
     effects : tuple of EffectEstimate
-        What all drives have in common beside the parameters; of deviations their sizes.
+        Effects that all drives have in common; of deviations their sizes.
     others : mapping of str to Estimate
         Parameters that were not asked for, but estimated.
     fixed : mapping of str to float
         Parameters that were held at their nominal values: no interval counts an error in them.
     measured : frozenset of Input
-        What moved as measured, not as the commands say.
+        Inputs that moved as measured, not as the commands say.
     seed : int
-        Of the starts.
+        Seed of the starts.
     """
 
     parameters: Mapping[str, Estimate]
@@ -113,7 +113,7 @@ class ManyDrives:
         Parameters
         ----------
         names : collection of str
-            Of the parameters that are asked for.
+            Names of the parameters that are asked for.
         """
         return replace(self, **asked_for(self.parameters, self.covariance, names))
 
@@ -166,15 +166,16 @@ def identify_many(
     vehicle : Vehicle
         Known constants and ranges.
     folder : Path
-        Where the drives are kept once they are read, by the content of their bags: the same call
+        Folder in which the drives are kept once read, by the content of their bags: the same call
         goes on where another one was ended.
     executor : concurrent.futures.Executor, optional
-        Its workers see bags and folder. The result is the same on each. Default: this process.
+        Executor whose workers see bags and folder. The result is the same with any. Default: this
+        process.
     prior : GaussianPrior, optional
         Knowledge before the drives. Parameters that it does not name keep their ranges.
     effects : sequence of str, optional
-        Of `EFFECTS`: estimated beside the parameters; those of each drive are eliminated with what
-        else it has of its own.
+        Effects (of `EFFECTS`) that are estimated beside the parameters; those of each drive are
+        eliminated together with the other unknowns of that drive.
     weighed : bool
         Whether the result is the average over the models with and without each effect that all
         drives have in common. Those of each drive act.
@@ -183,11 +184,11 @@ def identify_many(
     other_vehicle : bool
         Whether drives may have been planned for another vehicle, as with an earlier file of it.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     level : float
         Probability of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     progress : callable, optional
         Called with the number of bags read and in all.
 
@@ -238,7 +239,7 @@ def begin(
     prior : GaussianPrior, optional
         Knowledge before the drives.
     seed : int
-        Of the starts.
+        Seed of the starts.
     executor : concurrent.futures.Executor, optional
         Default: this process.
     changing : sequence of str
@@ -342,7 +343,7 @@ def result_of(
     covariance: FloatArray | None = None,
     average: _Average | None = None,
 ) -> ManyDrives:
-    """Return what was found of a vehicle.
+    """Return the result for one vehicle.
 
     Parameters
     ----------
@@ -355,9 +356,10 @@ def result_of(
     level : float
         Probability of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     covariance : ndarray of float, shape (n, n), optional
-        Of the variables, where other vehicles tell of them too.
+        Covariance of the variables, where other vehicles tell of them too. Default: that of the
+        fit.
     average : _Average, optional
         Over subsets of the effects.
     """

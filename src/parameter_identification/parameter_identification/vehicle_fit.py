@@ -43,9 +43,9 @@ class Variables:
     low, high : ndarray of float, shape (n,)
         Bounds.
     mean : ndarray of float, shape (n,)
-        Of the prior.
+        Mean of the prior.
     information : ndarray of float, shape (n, n)
-        Of the prior.
+        Inverse covariance of the prior.
     changing : tuple of int
         Parameters that have a rate, in the order of the rates.
     """
@@ -88,7 +88,7 @@ class VehicleCost(Quadratic):
     slopes : ndarray of float, shape (d, n)
         The gradient of each drive.
     shares : tuple of DriveShare
-        Of each drive.
+        Share of each drive in the cost, by which it was computed.
     """
 
     slopes: FloatArray
@@ -106,7 +106,7 @@ class VehicleFit:
     setting : FitSetting
         Vehicle, effects and noise by which the drives are fitted.
     variables : Variables
-        Of the vehicle.
+        Variables of the vehicle.
     since : ndarray of float, shape (d,)
         Time of each drive, in units of the rates.
     at : ndarray of float, shape (n,)
@@ -152,7 +152,7 @@ class VehicleFit:
         Parameters
         ----------
         costs : sequence of VehicleCost
-            The one of this vehicle.
+            Cost of this vehicle, as the only item.
         """
         return costs[0].cost
 
@@ -181,7 +181,7 @@ class Search(Protocol):
         Parameters
         ----------
         costs : sequence of VehicleCost
-            Of each vehicle.
+            Cost of each vehicle.
         """
         ...
 
@@ -245,7 +245,7 @@ def evaluate(
     fits : sequence of VehicleFit
         The vehicles.
     points : sequence of ndarray of float, shape (n,)
-        Of their variables.
+        Point of each vehicle's variables near which its cost is wanted.
     executor : concurrent.futures.Executor, optional
         Default: this process.
     """
@@ -312,7 +312,7 @@ def descend(
     executor : concurrent.futures.Executor, optional
         Default: this process.
     names : sequence of str
-        Of the searches, for the message.
+        Names of the searches, for the message.
 
     Raises
     ------

@@ -18,7 +18,7 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
     executor : concurrent.futures.Executor, optional
         Default: this process.
     work : callable
-        What is done to a job.
+        Function that is called with each job.
     jobs : iterable
         One argument each.
 

@@ -1,4 +1,4 @@
-"""Whether the columns of a recording can be of one drive: swapped columns, wrong units and signs.
+"""Checks of a recording's columns against its poses: swapped columns, wrong units and signs.
 
 No model of the vehicle is asked, so that slow drives and gentle turns tell it too.
 """
@@ -39,11 +39,11 @@ def check_agreement(
     Parameters
     ----------
     recording : Recording
-        What was measured.
+        Recording to check.
     motion : Motion
-        Its poses on ticks.
+        Motion of the recording: its poses, smoothed, on ticks.
     vehicle : Vehicle
-        Its tyres' radius is used.
+        Vehicle that drove; the radius of its tyres is used.
     steering : ndarray of float, shape (t,)
         Angle of the steering motor at the ticks, commanded or measured [rad].
     turned : ndarray of float, shape (t,)
@@ -99,7 +99,7 @@ def _check_way(name: str, motion: Motion, *, headed: bool) -> None:
 def _pairs(
     recording: Recording, motion: Motion, vehicle: Vehicle
 ) -> Iterator[tuple[str, FloatArray, FloatArray, float]]:
-    """Of each entry its values on ticks, what the poses give, and how much of that is enough."""
+    """Name of an entry, its values on ticks, those by the poses, and the least that is checked."""
     rolling = motion.speed / vehicle.driven_radius
     expected = {
         "yaw_rate": (motion.yaw_rate, LEAST_TURN),

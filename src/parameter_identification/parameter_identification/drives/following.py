@@ -35,7 +35,7 @@ def servo_response(setpoints: FloatArray, vehicle: Vehicle) -> FloatArray:
     setpoints : ndarray of float, shape (t,)
         On ticks; before them the motor stands at the first one.
     vehicle : Vehicle
-        Its servo is used.
+        Vehicle that has the servo.
     """
     scale = 0.5 * vehicle.steering_limit / max(np.abs(setpoints).max(), 1e-9)
     servo = np.full_like(servo_at_rest(vehicle), scale * setpoints[0])
@@ -53,9 +53,9 @@ def steering_setpoints(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     angle : ndarray of float, shape (t,)
-        Of the steering motor, smooth, on ticks [rad].
+        Smooth angles of the steering motor on ticks [rad].
     vehicle : Vehicle
-        Its servo is used.
+        Vehicle that has the servo.
     """
     ramp = TICK * np.arange(1.0 / TICK)
     lag = float(ramp[-1] - servo_response(ramp, vehicle)[-1])
@@ -72,9 +72,9 @@ def commanded_setpoints(commands: Commands, vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     commands : Commands
-        Of a drive.
+        Commands of a drive.
     vehicle : Vehicle
-        Its slew is used.
+        Vehicle that drove; the slew rate of its steering is used.
     """
     rows = command_rows(commands)
     wanted: FloatArray = commands.steering_motor_angle[rows]
@@ -88,11 +88,11 @@ def servo_angle(commands: Commands, time: FloatArray, vehicle: Vehicle) -> Float
     Parameters
     ----------
     commands : Commands
-        Of a drive.
+        Commands of a drive.
     time : ndarray of float, shape (m,)
-        Since the start event [s].
+        Times since the start event [s].
     vehicle : Vehicle
-        Its servo and slew are used.
+        Vehicle that drove; its servo and slew rate are used.
     """
     setpoints = commanded_setpoints(commands, vehicle)
     ticks = TICK * np.arange(len(setpoints))
@@ -110,11 +110,11 @@ def measured_steering(
     Parameters
     ----------
     commands : Commands
-        Of a drive.
+        Commands of a drive.
     measured : Samples
         Angle of the steering motor [rad], since the start event [s].
     vehicle : Vehicle
-        Its servo and slew are used.
+        Vehicle that drove; its servo and slew rate are used.
 
     References
     ----------
@@ -140,7 +140,7 @@ def measured_speed(
     Parameters
     ----------
     commands : Commands
-        Of a drive.
+        Commands of a drive.
     measured : Signal
         Speed of the driven wheels [rad/s], since the start event [s].
     vehicle : Vehicle
@@ -180,7 +180,7 @@ def has_gains(vehicle: Vehicle) -> bool:
     Parameters
     ----------
     vehicle : Vehicle
-        With or without a speed loop.
+        Vehicle, with a speed loop or without.
     """
     return vehicle.has_speed_loop and not set(GAINS) & set(vehicle.unknown)
 
@@ -191,7 +191,7 @@ def with_stiff_loop(vehicle: Vehicle) -> Vehicle:
     Parameters
     ----------
     vehicle : Vehicle
-        Whose gains are known.
+        Vehicle that has a speed loop with known gains.
 
     Raises
     ------
@@ -214,9 +214,9 @@ def speed_followed(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Co
     Parameters
     ----------
     vehicle : Vehicle
-        With its speed loop.
+        Vehicle that has a speed loop.
     angle, speed : ndarray of float, shape (t,)
-        Of the steering motor [rad] and forward, of the COM [m/s], at each tick.
+        Angle of the steering motor [rad] and forward speed of the COM [m/s], at each tick.
     """
     nominal = dataclasses.replace(vehicle, unknown={})
     time = np.arange(len(speed)) * TICK
@@ -230,7 +230,7 @@ def speed_followed(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Co
 
 
 def _ahead(error: FloatArray, lag: float) -> FloatArray:
-    """What a loop that lags by so many seconds has to be told besides the error."""
+    """Lead for a loop that lags by some seconds: the lag times the smoothed slope of the error."""
     from scipy.signal import savgol_filter  # takes as long as NumPy
 
     rise: FloatArray = lag * np.gradient(savgol_filter(error, *FILTER), TICK)

@@ -57,7 +57,7 @@ def recording_of(drive: MeasuredDrive) -> Recording:
     Parameters
     ----------
     drive : MeasuredDrive
-        With position, and heading at the same times if any; it begins at a standstill.
+        Drive with positions, and with headings at the same times if any; it begins at a standstill.
     """
     position, commands = drive.signals[Sensor.POSITION], drive.commands
     first = float(position.time[0])
@@ -93,7 +93,7 @@ def write_bag(
     recording : Recording
         From `read_recording`.
     vehicle : Vehicle
-        That drove; its nominal values give the reference.
+        Vehicle that drove; its nominal values give the reference.
     steering : SteeringMap
         From the recording's steering to the angle of the steering motor.
     output : Path

@@ -33,7 +33,7 @@ def content_key(bag: Path, vehicle: Vehicle) -> str:
     bag : Path
         rosbag2 directory or file.
     vehicle : Vehicle
-        That reads it.
+        Vehicle by whose file the bag is read.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
     Parameters
     ----------
     drive : MeasuredDrive
-        Its reference and start pose are not kept.
+        Drive to write; its reference and start pose are not kept.
     file : Path
         Complete, or not there.
     """
@@ -166,7 +166,7 @@ def is_kept(file: Path) -> bool:
     Parameters
     ----------
     file : Path
-        To be written by `keep`.
+        File that `keep` writes.
     """
     try:
         with _arrays_of(file):

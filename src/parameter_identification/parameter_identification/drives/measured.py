@@ -1,4 +1,4 @@
-"""What an identification needs of a drive: the commands, and the signals of the sensors.
+"""Drives as an identification needs them: the commands, and the signals of the sensors.
 
 A bag gives one (`read_measured_drive`), and so does a simulation (`drives.simulated.measure`), so
 that the estimator cannot tell them apart. Times are seconds since the start event, at which row 0
@@ -35,7 +35,7 @@ SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of 
 
 
 class Sensor(Enum):
-    """What measures: each has a noise of its own."""
+    """Sensors whose signals are compared with the model; each has a noise of its own."""
 
     POSITION = "position"  # x and y of base_link in odom, m
     HEADING = "heading"  # rad, left positive
@@ -54,7 +54,7 @@ class Sensor(Enum):
 
 
 class Input(Enum):
-    """What moves a vehicle: as commanded or, where a drive tells it throughout, as measured."""
+    """Inputs that move a vehicle: as commanded or, where measured throughout, as measured."""
 
     STEERING = "steering"  # angle of its motor
     SPEED = "speed"  # of the driven wheels
@@ -89,7 +89,7 @@ class Signal:
     Attributes
     ----------
     time : ndarray of float, shape (m,)
-        Since the start event [s], strictly increasing.
+        Times since the start event [s], strictly increasing.
     values : ndarray of float, shape (m, c)
         One column per channel; headings are continuous.
     jitter : float
@@ -124,7 +124,7 @@ class Signal:
         Parameters
         ----------
         start, end : float
-            Since the start event [s].
+            Times since the start event [s].
         """
         inside = (self.time >= start) & (self.time <= end)
         return replace(self, time=self.time[inside], values=self.values[inside])
@@ -135,7 +135,7 @@ class Signal:
         Parameters
         ----------
         sensor : Sensor
-            That measured it.
+            Sensor that measured the signal.
         """
         if sensor is Sensor.POSITION:
             return ("x", "y")
@@ -198,7 +198,7 @@ class MeasuredDrive:
     complete : bool
         False where the recording was cut off, lacks messages, or does not hold the end.
     began : float
-        When it was recorded [s since 1970]; NaN: not known.
+        Time at which it was recorded [s since 1970]; NaN: not known.
     steering_angle : Samples, optional
         Measured angle of the steering motor, left positive [rad], since the start event [s].
     speed : ndarray of float, shape (t,), optional
@@ -269,9 +269,9 @@ def read_measured_drive(
     bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     vehicle : Vehicle
-        Its tyre radius turns wheel rates into speeds.
+        Vehicle that drove; its tyre radius turns wheel rates into speeds.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
 
     Raises
     ------
@@ -286,19 +286,19 @@ def read_measured_drive(
 
 
 def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
-    """Return what an identification needs of a recorded drive.
+    """Return the commands and signals of a recorded drive, as an identification needs them.
 
     Parameters
     ----------
     drive : RecordedDrive
         From `read_drive` with its sensors.
     vehicle : Vehicle
-        Its tyre radius turns wheel rates into speeds.
+        Vehicle that drove; its tyre radius turns wheel rates into speeds.
 
     Raises
     ------
     JudgeError
-        If a sensor's value is infinite. NaN is none (a sensor may not measure all the time).
+        If a sensor's value is infinite. NaN means not measured, and is skipped.
     IdentificationError
         If it holds no commands, or its set-points of the speed were made from its poses.
     """
@@ -379,9 +379,9 @@ def usable(signals: Mapping[Sensor, Signal], vehicle: Vehicle) -> dict[Sensor, S
     Parameters
     ----------
     signals : mapping of Sensor to Signal
-        Of a drive.
+        Signal of each sensor of a drive.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     """
     found = {
         sensor: signal
@@ -444,7 +444,7 @@ def resolved(speeds: Signal) -> Signal:
     Parameters
     ----------
     speeds : Signal
-        Of a wheel.
+        Speed of one wheel [rad/s].
     """
     sizes = np.abs(speeds.values[:, 0])
     # until half of the highest speed: while the wheel slows down, the reading may pass all speeds
@@ -465,9 +465,9 @@ def commands_of(message: Any, vehicle: Vehicle, where: str) -> Commands:
     Parameters
     ----------
     message : JointTrajectory message
-        Of rosbags or rclpy.
+        Message as rosbags or rclpy gives it.
     vehicle : Vehicle
-        Its tyre radius turns wheel rates into speeds.
+        Vehicle to drive; its tyre radius turns wheel rates into speeds.
     where : str
         For messages.
 

@@ -1,4 +1,4 @@
-"""How the body of a recording moved: its poses, smoothed, on ticks."""
+"""Motion of the body in a recording: its poses, smoothed, on ticks."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class Motion:
     Attributes
     ----------
     time, x, y, speed : ndarray of float, shape (t,)
-        Of the recording [s], position [m], forward speed of the COM [m/s].
+        Times of the recording [s], position of the COM [m], and its forward speed [m/s].
     speed_std : float
         Standard deviation of the speed [m/s].
     missed : ndarray of float, shape (t,)
@@ -31,7 +31,8 @@ class Motion:
     jolt : ndarray of float, shape (t,)
         Acceleration [m/s^2] of positions that are hardly smoothed: where they jump, no vehicle's.
     yaw, yaw_rate : ndarray of float, shape (t,)
-        Of the body; of the course where the recording has no yaw [rad, rad/s].
+        Yaw of the body and its rate [rad, rad/s]; where the recording has no yaw, those of the
+        direction in which the COM moves.
     """
 
     time: FloatArray
@@ -54,7 +55,7 @@ def motion_of(recording: Recording) -> Motion:
     Parameters
     ----------
     recording : Recording
-        With at least 0.2 s and `LEAST` poses.
+        Recording of at least 0.2 s and `LEAST` poses.
 
     Raises
     ------

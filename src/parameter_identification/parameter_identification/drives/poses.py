@@ -50,7 +50,7 @@ class PlanarTrajectory:
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Since the start event [s], strictly increasing.
+        Times since the start event [s], strictly increasing.
     x, y : ndarray of float, shape (t,)
         Position [m].
     heading : ndarray of float, shape (t,)
@@ -79,7 +79,7 @@ class PoseCollector:
     type_name : str
         ROS type of its messages.
     child_frame : str
-        Of the poses and transforms to take; messages that name none are taken.
+        Frame of the poses and transforms to take; messages that name no frame are taken too.
     datum : Datum, optional
         Origin for NavSatFix.
 
@@ -183,7 +183,7 @@ def stamp_of(message: Any) -> int:
     Parameters
     ----------
     message : ROS message
-        With a header.
+        Message that has a header.
     """
     return nanoseconds_of(message.header.stamp)
 

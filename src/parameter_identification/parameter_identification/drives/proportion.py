@@ -1,4 +1,4 @@
-"""Whether measured values are proportional to those expected, or of a wrong sign or unit."""
+"""Check of the sign and unit of measured values, by values that are expected."""
 
 import math
 
@@ -16,12 +16,12 @@ def contradiction(
     factor: float,
     least_slope: float = 0.0,
 ) -> str:
-    """Return what is wrong with values that are proportional to those expected; else an empty text.
+    """Return how the sign or unit of values contradicts those expected, in words; else "".
 
     Parameters
     ----------
     given, expected : ndarray of float, shape (m,)
-        Of one quantity, in one unit.
+        Measured and expected values of one quantity, in one unit.
     least : float
         Root mean square of those expected up to which nothing is concluded.
     factor : float

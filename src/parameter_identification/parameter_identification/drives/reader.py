@@ -52,7 +52,7 @@ def read_drive(
     bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     sensors : bool
         Whether to read joint states and yaw rates too; judging alone does not need them.
 
@@ -75,9 +75,9 @@ def read_way_back(bag: Path, *, topics: TopicNames | None = None) -> PlanarTraje
     Parameters
     ----------
     bag : Path
-        Of a drive, which such a way may precede, or of the way alone.
+        Bag of a way back alone, or of a drive that begins after one.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
 
     Raises
     ------
@@ -294,7 +294,7 @@ class _Collector:
         return PlanarTrajectory(path[:, 0], path[:, 1], path[:, 2], np.unwrap(path[:, 3]))
 
     def _start_event(self, messages: Iterable[tuple[int, Any]]) -> _StartEvent:
-        """The only start event that the driver's state tells of."""
+        """The start event; raises if the bag holds none or several."""
         states = [(at, self._state(message)) for at, message in messages]
         running = [(at, s) for at, s in states if s.state is PlaybackState.RUNNING]
         starts = {s.start_time for _, s in running}
@@ -389,13 +389,13 @@ def _planned_and_played(
 
 
 def _readiness(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:
-    """What `vehicle/state` says, and when."""
+    """Readiness by each message of `vehicle/state`, with the message's time."""
     for at, message in messages:
         yield at, Readiness.from_values(values_of(message))
 
 
 def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:
-    """What the bridge's diagnostics say, and when."""
+    """Readiness by each message of the bridge's diagnostics, with the message's time."""
     name, begin = NOT_ARMED
     for at, message in messages:
         for status in message.status:
@@ -405,7 +405,7 @@ def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readi
 
 
 def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
-    """Of the messages that hold speed or torque of the rear wheel; None where none does."""
+    """Joint states with the speed or torque of the rear wheel; None where no message has them."""
     rows = []
     for message in messages:
         names = list(message.name)

@@ -1,4 +1,4 @@
-"""What the bag of a drive holds: measured poses, the reference, the commands, and sensor signals.
+"""Contents of the bag of a drive: measured poses, the reference, the commands, and sensor signals.
 
 Times are seconds since the start event, the tick at which row 0 of the commands was played.
 """
@@ -30,13 +30,13 @@ class TopicNames:
     pose : str
         Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix.
     reference, state, commands, lead_in, played : str
-        What planner and maneuver driver publish.
+        Topics of planner and maneuver driver.
     readiness, diagnostics : str
-        What the bridge publishes: whether the vehicle was armed.
+        Topics of the bridge: whether the vehicle was armed.
     imu, joint_states : str
         Sensors that only an identification needs.
     child_frame : str
-        Of the poses and transforms to take.
+        Frame of the poses and transforms to take.
     datum : Datum, optional
         Origin for NavSatFix.
     """
@@ -66,7 +66,7 @@ class JointStates:
     steering_motor_angle : ndarray of float, shape (t,)
         Left positive [rad]; NaN where a message has none.
     wheel_rate : ndarray of float, shape (t,)
-        Of the rear wheel [rad/s]; NaN where a message has none.
+        Rate of the rear wheel [rad/s]; NaN where a message has none.
     motor_torque : ndarray of float, shape (t,)
         At the driven wheels [N m]: their effort; NaN where a message has none.
     """
@@ -79,7 +79,7 @@ class JointStates:
 
 @dataclass(frozen=True, eq=False)
 class ImuSamples:
-    """What the IMU measured, in the order of recording.
+    """Samples of the IMU, in the order of recording.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class SteeredLeadIn:
     end : float
         Time since the start event from which the commands hold [s].
     time : ndarray of float, shape (r,)
-        Of the set-points [s].
+        Times of the set-points since the start event [s].
     steering_motor_angle : ndarray of float, shape (r,)
         Left positive [rad].
     """
@@ -120,7 +120,7 @@ class SteeredLeadIn:
         Parameters
         ----------
         commands : Commands
-            Of the plan.
+            Commands of the plan.
         """
         ticks = np.arange(round(self.end / TICK))
         later = commands.time[commands.time > (len(ticks) + 0.5) * TICK]
@@ -141,35 +141,35 @@ class RecordedDrive:
     Attributes
     ----------
     bag : Path
-        Where it was recorded.
+        Path of the bag.
     plan_id : str
-        Of the maneuver driven.
+        Identifier of the plan that was driven.
     start : int
         Stamp of the start event [ns], by the clock that stamps the poses.
     recorded : int
-        When the start event was recorded [ns since 1970], by the recorder's clock.
+        Time at which the start event was recorded [ns since 1970], by the recorder's clock.
     poses : PlanarTrajectory
         Measured, in the frame of the sensor; with what was recorded before and after the drive.
     reference : PlanarTrajectory
         Nominal trajectory, starting at the origin with heading 0.
     commands : JointTrajectory message or None
-        Of the plan driven, where the bag has them.
+        Commands of the plan that was driven; None where the bag has none.
     complete : bool
         False where the bag was cut off, lacks a file or messages, or does not hold the end.
     metadata : mapping of str to str
-        What the recorder noted.
+        Notes of the recorder.
     joint_states, imu : JointStates, ImuSamples, optional
         None where the bag has none, or they were not read.
     wheel_rates : mapping of str to Samples
-        Of single wheels [rad/s], since the start event, by their names: of the joints
-        `<name>_wheel_spin_joint`.
+        Rates of single wheels [rad/s] over the time since the start event [s], by name of the
+        wheel: that of its joint is `<name>_wheel_spin_joint`.
     topics : TopicNames
         Names by which it was read.
     ended_early : float, optional
         Time at which the driver ended the maneuver, because no more of it was needed [s]; the
         reference ends then, the commands go on. None: it was driven to its end.
     lead_in : SteeredLeadIn, optional
-        What the driver steered closed loop before the commands; None: nothing.
+        Steering by the driver, closed loop, before the commands; None: there was none.
     """
 
     bag: Path

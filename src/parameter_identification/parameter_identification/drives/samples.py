@@ -20,7 +20,7 @@ class Samples:
     Attributes
     ----------
     time : ndarray of float, shape (m,)
-        Of the recording [s], strictly increasing.
+        Times of the samples in the recording [s], strictly increasing.
     values : ndarray of float, shape (m,)
         In SI units.
     """
@@ -34,7 +34,7 @@ class Samples:
         Parameters
         ----------
         time : ndarray of float, shape (t,)
-            Of the recording [s].
+            Times in the recording [s] for which values are wanted.
         held : bool
             A command holds until the next one.
         """
@@ -49,7 +49,7 @@ class Samples:
         Parameters
         ----------
         time : ndarray of float, shape (t,)
-            Of the recording [s].
+            Times in the recording [s] that are asked about.
         """
         own = np.concatenate([[-math.inf], self.time, [math.inf]])
         after = np.searchsorted(self.time, time - CLOCK_STEP) + 1

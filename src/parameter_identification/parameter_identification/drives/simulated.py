@@ -29,7 +29,7 @@ class SensorNoise:
     drift : float
         Standard deviation of an exponentially correlated part, in the sensor's unit.
     drift_time : float
-        Its correlation time [s].
+        Correlation time of that part [s].
     rate : float
         Samples per second [Hz].
 
@@ -85,9 +85,9 @@ class SensedMotion:
     heading, yaw_rate : ndarray of float, shape (t,)
         Left positive [rad] and [rad/s].
     wheel_speed : ndarray of float, shape (t,)
-        Of the driven wheels relative to the body [rad/s].
+        Rotation rate of the driven wheels relative to the body [rad/s].
     wheel_speeds : mapping of str to ndarray of float, shape (t,)
-        Of single wheels [rad/s].
+        Rotation rate of each single wheel relative to the body [rad/s], by its name.
     lateral_acceleration, motor_torque : ndarray of float, shape (t,), optional
         What an accelerometer reads, to the left [m/s^2], and at the driven wheels [N m].
     steering_motor_angle : ndarray of float, shape (t,), optional
@@ -131,12 +131,12 @@ class SensedMotion:
         )
 
     def columns(self, sensor: Sensor) -> list[FloatArray]:
-        """Return what a sensor sees, each of shape (t,), in the frame of the motion.
+        """Return the columns that a sensor sees, each of shape (t,), in the frame of the motion.
 
         Parameters
         ----------
         sensor : Sensor
-            Which; the list is empty where the motion lacks it.
+            Sensor that measures; the list is empty where the motion lacks what it measures.
         """
         seen: dict[Sensor, tuple[FloatArray | None, ...]] = {
             Sensor.POSITION: (self.x, self.y),
@@ -168,25 +168,25 @@ def measure(
     Parameters
     ----------
     motion : SensedMotion
-        Of the vehicle.
+        Motion of the vehicle.
     commands : Commands
-        That it was driven with.
+        Commands that the vehicle was driven with.
     noise : mapping of Sensor to SensorNoise
-        Of the sensors that there are.
+        Noise of each sensor of the vehicle.
     rng : Generator
         Source of the noise.
     name : str
-        Of the drive.
+        Name of the drive.
     standstill : float
         Time before the start event at which the sensors begin [s].
     pose : (float, float, float)
-        Of the start in the frame of the positions [m, m, rad].
+        Pose at the start, in the frame of the positions: x, y, heading [m, m, rad].
     start : StartPose, optional
         Start pose as far as the identification shall know it.
     truth : mapping of str to float, optional
         Parameters of the vehicle, for `MeasuredDrive.truth`.
     steering_step : float
-        Of the steering's sensor [rad], which is read on every tick; 0: there is none.
+        Step of the steering's angle sensor [rad], which is read on every tick; 0: no such sensor.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def measure(
 
 
 def _steering_angle(motion: SensedMotion, step: float, rng: np.random.Generator) -> Samples | None:
-    """What a PLC tells of the steering: counts, read anywhere within the tick before the stamp."""
+    """Steering angle from a PLC: counts, read anywhere within the tick before the stamp."""
     if motion.steering_motor_angle is None or not step > 0.0:
         return None
     stamps = np.arange(0.0, motion.time[-1], TICK)

@@ -23,13 +23,13 @@ class Smooth:
     Attributes
     ----------
     spline : BSpline
-        Of the values, by time [s].
+        Smoothing spline of the values over time [s].
     white : float
         Standard deviation of the noise of a sample, in the unit of the values.
     step : float
         Between samples [s].
     cutoff : float
-        Of an oscillation of this frequency each of the `TIMES` fits passes half [Hz].
+        Frequency [Hz] of an oscillation of which each of the `TIMES` fits passes half.
     """
 
     spline: Any
@@ -63,7 +63,7 @@ def smooth(time: FloatArray, values: FloatArray) -> Smooth:
     time : ndarray of float, shape (m,)
         Increasing, m of at least `LEAST` [s].
     values : ndarray of float, shape (m, c)
-        Of one unit.
+        Values of c channels, all in one unit.
 
     References
     ----------
@@ -76,7 +76,7 @@ def smooth(time: FloatArray, values: FloatArray) -> Smooth:
     step = float(np.median(np.diff(time)))
 
     def penalty(cutoff: float) -> float:
-        """Of the second derivative; for every other sample it is half of that."""
+        """Penalty of the second derivative; for every other sample it is half of that."""
         return float(1.0 / (step * (2.0 * math.pi * cutoff) ** 4))
 
     def error(cutoff: float) -> float:

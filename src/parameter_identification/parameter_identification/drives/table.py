@@ -62,7 +62,7 @@ class Column:
     Attributes
     ----------
     column : str
-        Its heading.
+        Heading of the column.
     unit : str
         One of `UNITS`; by default the first.
     clock : str
@@ -145,7 +145,7 @@ class SensorPlace:
     x, y : float
         Forward and to the left [m].
     yaw : float
-        Of the sensor's axis, to the left [rad].
+        Direction of the sensor's forward axis in the body, to the left [rad].
 
     Raises
     ------
@@ -164,7 +164,7 @@ class SensorPlace:
 
 @dataclass(frozen=True)
 class Columns:
-    """What is what in a table.
+    """Columns of a table, by the quantity that they hold.
 
     Attributes
     ----------
@@ -178,12 +178,12 @@ class Columns:
     motor_torque : str or Column
         At the driven wheels.
     wheel_speeds : mapping of str to str or Column
-        Of single wheels, by their names in the vehicle file.
+        Speeds of single wheels, by the wheels' names in the vehicle file.
     steering_map : SteeringMap or str
         From the column to the steering motor's angle; the angle itself by default. "estimate": gain
         and offset, from the recording.
     sensor : SensorPlace
-        Where the pose is measured.
+        Place on the body where the pose is measured.
 
     Raises
     ------
@@ -293,7 +293,7 @@ class Recording:
     Attributes
     ----------
     name : str
-        Of the file.
+        Name of the file or drive.
     start : float
         Time of its clock at 0 [s].
     time, x, y : ndarray of float, shape (m,)
@@ -335,7 +335,7 @@ class Recording:
         Parameters
         ----------
         vehicle : Vehicle
-            That drove.
+            Vehicle that drove.
 
         Raises
         ------
@@ -360,9 +360,9 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
     path : Path or str
         ``.csv`` or ``.csv.gz`` with a header.
     columns : Columns
-        What is what.
+        Columns of the table.
     vehicle : Vehicle, optional
-        That drove; its tyres' radii are needed where wheel speeds are in m/s or km/h.
+        Vehicle that drove; its tyres' radii are needed where wheel speeds are in m/s or km/h.
 
     Raises
     ------
@@ -501,7 +501,7 @@ def _text(path: Path) -> str:
 
 
 def _at_new_times(rows: NDArray[np.int64], clock: FloatArray, where: str) -> NDArray[np.int64]:
-    """Those of some rows that have a time, and not the same one as the row before."""
+    """Rows, of those given, that have a time, and not the same one as the row before."""
     rows = rows[np.isfinite(clock[rows])]
     steps = np.diff(clock[rows])
     if len(back := np.flatnonzero(steps < 0.0)):

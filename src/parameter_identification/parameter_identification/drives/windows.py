@@ -71,12 +71,12 @@ MEASURED = {
 
 @dataclass(frozen=True)
 class Windows:
-    """Which windows to take.
+    """Choice of the windows of a recording.
 
     Attributes
     ----------
     length : float
-        Of a window [s].
+        Duration of a window [s].
     every : float
         Grid of their beginnings [s].
     above : float
@@ -103,12 +103,12 @@ class Windows:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a recording is used for.
+    """Windows of a recording that are used, and how many are not.
 
     Attributes
     ----------
     drives : tuple of MeasuredDrive
-        Its windows.
+        Windows that are used, one drive each.
     left_out : mapping of str to int
         By reason, how many windows were left out of those that could begin on the grid, outside of
         those that are used.
@@ -128,9 +128,9 @@ def estimate_map(recording: Recording, vehicle: Vehicle) -> EstimatedMap:
     Parameters
     ----------
     recording : Recording
-        With commands that vary.
+        Recording in which the steering command varies.
     vehicle : Vehicle
-        Its wheelbase, tyres and servo are used.
+        Vehicle that drove; its wheelbase, tyres and servo are used.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def steering_of(recording: Recording, vehicle: Vehicle, columns: Columns) -> Ste
     recording : Recording
         Read by the mapping.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     columns : Columns
         The mapping.
 
@@ -183,9 +183,9 @@ def turned_angle(motion: Motion, vehicle: Vehicle) -> FloatArray:
     Parameters
     ----------
     motion : Motion
-        What was driven.
+        Motion that was driven.
     vehicle : Vehicle
-        Its linkage, tyres and wheelbase are used.
+        Vehicle that drove; its linkage, tyres and wheelbase are used.
     """
     stiffness = dict.fromkeys(AXLES, 0.0)
     for wheel in vehicle.wheels:
@@ -245,9 +245,9 @@ def setpoints_of(
     recording : Recording
         From `read_recording`.
     motion : Motion
-        Its own.
+        Motion of that recording.
     vehicle : Vehicle
-        Its servo is used.
+        Vehicle that drove; its servo is used.
     steering : SteeringMap
         From the recording's steering to the angle of the steering motor.
 
@@ -284,11 +284,11 @@ def read_windows(
     path : Path or str
         ``.csv`` or ``.csv.gz`` with a header.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     columns : Columns
-        What is what.
+        Columns of the table.
     windows : Windows, optional
-        Which.
+        Choice of the windows. Default: `Windows()`.
 
     Raises
     ------
@@ -319,11 +319,11 @@ def select_windows(
     recording : Recording
         From `read_recording`.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     steering : SteeringMap
         From the recording's steering to the angle of the steering motor.
     windows : Windows, optional
-        Which.
+        Choice of the windows. Default: `Windows()`.
 
     Raises
     ------
@@ -496,11 +496,11 @@ def recorded_commands(
     recording : Recording
         From `read_recording`.
     vehicle : Vehicle
-        That drove.
+        Vehicle that drove.
     steering : SteeringMap
         From the recording's steering to the angle of the steering motor.
     start : float
-        When they begin [s].
+        Time at which the commands begin [s].
 
     Raises
     ------

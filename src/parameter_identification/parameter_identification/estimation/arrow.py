@@ -21,11 +21,11 @@ class Arrow:
     Attributes
     ----------
     information : ndarray of float, shape (v, n, n)
-        Of each group.
+        Half the second derivatives of the cost of each of v groups, by its n variables.
     gradient : ndarray of float, shape (v, n)
-        Of each group.
+        Half the first derivatives of the cost of each group, by its variables.
     common : ndarray of int, shape (s,)
-        Which of the n variables are the same in all groups.
+        Indices of those of the n variables that are the same in all groups.
     prior_information : ndarray of float, shape (s, s)
         Information of the common ones beside the groups.
     prior_gradient : ndarray of float, shape (s,)
@@ -40,7 +40,7 @@ class Arrow:
 
     @property
     def own(self) -> NDArray[np.int64]:
-        """Which of the n variables each group has for itself."""
+        """Indices of the variables that each group has for itself."""
         return np.setdiff1d(np.arange(self.information.shape[1]), self.common)
 
     def _eliminated(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -64,9 +64,9 @@ class Arrow:
         Returns
         -------
         common : ndarray of float, shape (s, s)
-            Of the common variables.
+            Covariance of the common variables.
         own : ndarray of float, shape (v, m, m)
-            Of each group's own ones, if the common ones were known.
+            Covariance of the own variables of each group, if the common ones were known.
         sensitivity : ndarray of float, shape (v, m, s)
             By how much own ones change with the common ones: the covariance of the own variables of
             groups a and b is `sensitivity[a] @ common @ sensitivity[b].T`, plus `own[a]` where they
@@ -101,7 +101,7 @@ class Arrow:
         Parameters
         ----------
         step : ndarray of float, shape (v, n)
-            Of all variables.
+            Step of all variables, by group.
         """
         shared = step[0, self.common]
         lowers = np.einsum("vi,vi->", step, 2.0 * self.gradient)

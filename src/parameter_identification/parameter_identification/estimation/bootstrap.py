@@ -1,4 +1,4 @@
-"""How far estimates are from a known vehicle: the fitted one is simulated, measured and fitted.
+"""Errors of estimates by repetition: the fitted vehicle is simulated, measured and fitted.
 
 What is done to measurements before the fit, such as smoothing a speed from positions, may err alike
 in all drives. No term of the fit counts that; simulated drives that are treated in the same way
@@ -44,17 +44,17 @@ def bootstrap_deviations(
     Parameters
     ----------
     problem : LeastSquares
-        With the noise of the fit.
+        Problem of n variables, k of them parameters, set to the noise of the fit.
     optimum : Optimum
         The fit.
     redraw : callable
         Gives drives anew.
     loss : Loss
-        Of the residuals.
+        Cost of a residual.
     level : float
         Probability of the intervals.
     seed : int
-        Of the noise.
+        Seed of the noise of the redrawn drives.
     step : callable
         Called after each repeat.
 

@@ -43,7 +43,7 @@ Far above what a bias adds; the second without it.
 """
 LEAST_STEERING = 0.1, 0.01  # rad, likewise
 FORWARD = {Sensor.WHEEL_SPEED: "forward"}
-"""Which way is positive; of the others to the left."""
+"""Positive direction of a sensor; that of the others is to the left."""
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
 
 
@@ -55,9 +55,9 @@ def check_drives(
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        All of them, also those that will only be predicted.
+        All drives, also those that will only be predicted.
     vehicle : Vehicle
-        The one that should have driven.
+        Vehicle that should have driven.
     other_vehicle : bool
         Whether they may have been planned for another vehicle, as with an earlier file of this one.
 
@@ -94,7 +94,7 @@ def check_motion(drive: MeasuredDrive) -> None:
     Parameters
     ----------
     drive : MeasuredDrive
-        What was measured.
+        Drive to check.
 
     Raises
     ------
@@ -121,9 +121,9 @@ def check_reference(drive: MeasuredDrive, vehicle: Vehicle) -> None:
     Parameters
     ----------
     drive : MeasuredDrive
-        Its reference is compared; without one, nothing is checked.
+        Drive whose reference is compared; without a reference, nothing is checked.
     vehicle : Vehicle
-        The one that should have driven.
+        Vehicle that should have driven.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def check_reference(drive: MeasuredDrive, vehicle: Vehicle) -> None:
 
 
 def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
-    """Raise if a sensor measures the opposite, or many times, of what the commands give.
+    """Raise if a sensor has the wrong sign or unit, judged by the motion that the commands give.
 
     Its axis points the other way, or that of the commands does, or its unit is another one;
     estimates that follow such a sensor are wrong. Windows of a recording are too short to be looked
@@ -172,9 +172,9 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        What was measured.
+        Drives to check.
     vehicle : Vehicle
-        Its nominal values are used.
+        Vehicle that should have driven; its nominal values are used.
 
     Raises
     ------

@@ -29,7 +29,7 @@ def tail(value: float, degrees: float) -> float:
     Parameters
     ----------
     value : float
-        Of the variable.
+        Value that the variable shall exceed.
     degrees : float
         Degrees of freedom.
 

@@ -19,10 +19,10 @@ def deviated(motions: FloatArray, faster: FloatArray, turning: FloatArray) -> Fl
         Position x, y [m], heading [rad], yaw rate [rad/s] and wheel speed [rad/s] of s vehicles on
         the ticks.
     faster : ndarray of float, shape (n, k)
-        By which share each of n >= s vehicles is faster, at evenly spaced knots. Those beyond the s
+        Share by which each of n >= s vehicles is faster, at evenly spaced knots. Those beyond the s
         motions deviate from the first one.
     turning : ndarray of float, shape (n, k)
-        How much more it turns [1/m], at the same knots.
+        Curvature by which each vehicle turns more [1/m], at the same knots.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Whether servo and speed loop are of the vehicle file's kind, by their measured outputs."""
+"""Check whether servo and speed loop are of the vehicle file's kind, by their measured outputs."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -54,7 +54,7 @@ _OF_SPEED_SETPOINTS = ("speed-loop", "drive-dead-time", "wheel-radius", "speed-d
 
 
 class Inputs(Choice):
-    """What moves the model."""
+    """Choice of what moves the model: the commands, or what was measured."""
 
     COMMANDS = "commands"  # through servo and speed loop of the vehicle file
     MEASURED = "measured"  # the steering angle and the wheel speed that the drives tell
@@ -67,7 +67,7 @@ def effects_of_columns(columns: Columns) -> tuple[str, ...]:
     Parameters
     ----------
     columns : Columns
-        What the table has.
+        Columns of the table.
     """
     of_map = _OF_ESTIMATED_MAP if isinstance(columns.steering_map, str) else ()
     of_speed = _OF_SPEED_SETPOINTS if columns.speed_command is not None else ()
@@ -77,7 +77,7 @@ def effects_of_columns(columns: Columns) -> tuple[str, ...]:
 def measured_inputs(
     drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs
 ) -> frozenset[Input]:
-    """Return the inputs that are to be those measured.
+    """Return the inputs that the model takes from measurement instead of from commands.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def measured_inputs(
     vehicle : Vehicle
         The gains of its servo and speed loop, and their dead times, may be others.
     inputs : Inputs
-        What is asked for.
+        Choice of the inputs.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def speed_misfits(
     effects: Sequence[str],
     measured: Collection[Input] = (),
 ) -> list[float]:
-    """Return how far the wheels of each drive are from those of the best fit of the model.
+    """Return the misfit of the wheel speed in each drive by the best fit of the model.
 
     It is a root mean square, in standard deviations of the sensor: of its noise or rounding, and of
     the time at which it was read. Only the speed of the wheels is fitted.
@@ -144,13 +144,13 @@ def speed_misfits(
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        With the speed of the wheels.
+        Drives that measure the speed of the driven wheels.
     vehicle : Vehicle
-        Its unknown parameters are varied.
+        Vehicle whose unknown parameters are fitted.
     effects : sequence of str
-        Of `EFFECTS`: those that vary, too. Deviations do not.
+        Names of the effects (of `EFFECTS`) that are fitted too; deviations are not.
     measured : collection of Input
-        What moves as measured.
+        Inputs that move as measured.
     """
     varied = [e for e in effects_of(vehicle, effects) if not e.process]
     models = [DriveModel(vehicle, drive, varied, measured=measured) for drive in drives]
@@ -169,7 +169,7 @@ def speed_misfits(
 
 
 def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> float:
-    """Return how far the best fit of the vehicle's servo is from a measured angle.
+    """Return the misfit of a measured steering angle by the best fit of the vehicle's servo.
 
     It is a root mean square, in standard deviations of the sensor: of its noise or rounding, and of
     the time at which it was read.
@@ -177,11 +177,11 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
     Parameters
     ----------
     commands : Commands
-        Of a drive.
+        Commands of a drive.
     measured : Samples
         Angle of the steering motor [rad], since the start event [s].
     vehicle : Vehicle
-        Its servo is varied.
+        Vehicle whose servo is fitted.
     """
     setpoints = commanded_setpoints(commands, vehicle)
     ticks = TICK * np.arange(len(setpoints))

@@ -27,13 +27,13 @@ class SensorError:
     Attributes
     ----------
     name, unit : str
-        Of the nuisance.
+        Name and unit of the nuisance that is the size of the error.
     std : float
-        Of its prior, whose mean is 0.
+        Standard deviation of the nuisance's prior, in that unit; its mean is 0.
     channel : int
-        That it is added to.
+        Channel of the sensor that the error is added to.
     factor : int, optional
-        What it is multiplied by: a row of what the sensor sees; None: 1.
+        Row of what the sensor sees by which the error is multiplied; None: 1.
     """
 
     name: str
@@ -68,9 +68,9 @@ def errors_of(sensor: Sensor, signal: Signal) -> tuple[SensorError, ...]:
     Parameters
     ----------
     sensor : Sensor
-        That measured.
+        Sensor that measured the signal.
     signal : Signal
-        What it measured.
+        Signal that was measured.
     """
     if sensor is Sensor.WHEEL_SPEEDS:
         return tuple(

@@ -176,7 +176,7 @@ def pulled_parameters(
     at : ndarray of float, shape (n,)
         The fit: the parameters, then other variables.
     here : Quadratic
-        Its cost near the fit, in n variables.
+        Cost near the fit, in n variables, to the second order.
     factors : ndarray of float, shape (k,)
         On the standard deviations by the noise, for the drives' scatter.
     low, high : ndarray of float, shape (n,)
@@ -202,7 +202,7 @@ def pulled_effects(
     at : ndarray of float, shape (n,)
         The fit; effects that are 0 do not act.
     here : Quadratic
-        Its cost near the fit.
+        Cost near the fit, in n variables, to the second order.
     k : int
         Number of the first variables, which are the parameters.
     low, high : ndarray of float, shape (n,)
@@ -235,7 +235,8 @@ def with_prior_variance(
     before : ndarray of float, shape (k, k)
         Covariance of the first k variables before them.
     beyond : ndarray of bool, shape (k,)
-        Which of these variables: those of `beyond_ranges`.
+        True for those of the first k variables that are to be as uncertain as before the drives:
+        the ones that the data pull beyond their ranges (`beyond_ranges`).
     """
     places = np.flatnonzero(beyond)
     if not len(places):
@@ -288,7 +289,7 @@ def corrected(
     at : ndarray of float, shape (n,)
         The fit: k parameters, then other variables.
     here : Quadratic
-        Its cost near the fit.
+        Cost near the fit, in n variables, to the second order.
     covariance : ndarray of float, shape (n, n)
         By the noise; that of the average where there is one.
     factors : ndarray of float, shape (n,)
@@ -332,7 +333,7 @@ def interval_correction(
     Parameters
     ----------
     problem : LeastSquares
-        With the noise of the fit.
+        Problem of n variables, k of them parameters, set to the noise of the fit.
     optimum : Optimum
         The fit; its covariance is that of the average where there is one.
     average : Mixture, optional

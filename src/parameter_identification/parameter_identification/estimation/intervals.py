@@ -52,7 +52,7 @@ def relative_half_width(estimate: float, std: float) -> float:
     Parameters
     ----------
     estimate, std : float
-        Of a parameter, and its standard deviation.
+        Estimate of a parameter and its standard deviation, in one unit.
     """
     return half_width() * std / abs(estimate) if estimate else math.inf
 

@@ -34,15 +34,16 @@ class Mixture:
     weights : ndarray of float, shape (s,)
         Probability of each subset, the most probable ones first.
     acting : ndarray of bool, shape (s, g)
-        Which effects it has.
+        True for the effects that act in a subset.
     means : ndarray of float, shape (s, d)
-        Of the variables; 0 for effects that it lacks.
+        Means of the variables in each subset; 0 for effects that it lacks.
     variances : ndarray of float, shape (s, d)
-        Of the variables.
+        Variances of the variables in each subset; 0 for effects that it lacks.
     within : ndarray of float, shape (d, d)
         Mean of the subsets' covariances.
     evidence : float
-        Logarithm of that of all subsets together, but for what they have in common.
+        Logarithm of the evidence of all subsets together, but for a constant that they have in
+        common.
     """
 
     weights: FloatArray
@@ -60,7 +61,7 @@ class Mixture:
 
     @property
     def standard_deviations(self) -> FloatArray:
-        """Of the variables (d,)."""
+        """Standard deviations of the variables (d,)."""
         return np.sqrt(np.diag(self.covariance(self.mean)))
 
     def covariance(self, about: FloatArray) -> FloatArray:
@@ -125,7 +126,8 @@ def mixture_of(
     Parameters
     ----------
     information : ndarray of float, shape (d, d)
-        Of parameters and effects, with their priors; effects have a prior of mean 0, deviation 1.
+        Inverse covariance of parameters and effects, with their priors; effects have a prior of
+        mean 0 and deviation 1.
     rhs : ndarray of float, shape (d,)
         Information times the mean.
     groups : sequence of sequence of int
@@ -183,7 +185,7 @@ def mixture_of(
 
 
 def _bits(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    """Which of so many effects subsets have, by number (s,); the last effect is the lowest bit."""
+    """True for the effects (s, g) in subsets, by number (s,); the last effect is the lowest bit."""
     found: NDArray[np.bool_] = (numbers[:, None] >> np.arange(count - 1, -1, -1)) & 1 == 1
     return found
 
@@ -214,14 +216,14 @@ def _evidence(
     odds : ndarray of float, shape (g,)
         Logarithm of those of each effect before the drives.
     shown : ndarray of float, shape (g,)
-        How clearly the drives show each beside all others: chi squared.
+        Chi squared by which the drives show each effect beside all others.
 
     Returns
     -------
     subsets : ndarray of int, shape (s,)
         Their numbers: the last effect is the lowest bit.
     evidence : ndarray of float, shape (s,)
-        Of each, with what precedes the drives.
+        Logarithm of the evidence of each subset, with the odds of its effects before the drives.
 
     References
     ----------
@@ -322,9 +324,9 @@ def _moments(
     Returns
     -------
     evidence : ndarray of float, shape (s,)
-        Its logarithm, of each.
+        Logarithm of the evidence of each subset.
     means, variances : ndarray of float, shape (s, d)
-        Of the variables with each; 0 for those of effects that it lacks.
+        Means and variances of the variables in each subset; 0 for effects that it lacks.
     within : ndarray of float, shape (d, d)
         Mean of their covariances, by their evidence.
     """
@@ -372,7 +374,7 @@ def _cut_off(moments: FloatArray, i: int, least: float) -> float:
     i : int
         The variable.
     least : float
-        Its least value.
+        Least value that the variable may have, in standard deviations of its prior.
     """
     m = len(moments) - 1
     std = math.sqrt(moments[i, i])
@@ -418,9 +420,9 @@ def joined(mixtures: Sequence[Mixture], evidence: FloatArray) -> Mixture:
     Parameters
     ----------
     mixtures : sequence of Mixture
-        Of the same variables and effects.
+        Mixtures, all of the same variables and effects.
     evidence : ndarray of float, shape (m,)
-        Logarithm of that of each.
+        Logarithm of the evidence of each mixture.
     """
     total = float(logsumexp(evidence))
     shares = np.exp(evidence - total)

@@ -44,15 +44,15 @@ class Prediction:
     Attributes
     ----------
     sensor : Sensor
-        That is predicted.
+        Sensor whose signal is predicted.
     time : ndarray of float, shape (m,)
-        Of the samples [s].
+        Times of the samples [s].
     values : ndarray of float, shape (m, c)
         Predicted.
     residual : ndarray of float, shape (m, c)
         Measured less predicted.
     jacobian : ndarray of float, shape (m, c, k + q)
-        Of the residual by all variables.
+        Derivatives of the residual by all variables: k parameters, then q nuisances.
     channels : tuple of str
         Names of the columns.
     """
@@ -71,7 +71,7 @@ class DriveModel:
     Parameters
     ----------
     vehicle : Vehicle
-        With the parameters to identify as its only unknown ones.
+        Vehicle in which the parameters to identify are the only unknown ones.
     drive : MeasuredDrive
         Commands and signals.
     effects : sequence of Effect, optional
@@ -79,21 +79,21 @@ class DriveModel:
     simulator : callable
         Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
     measured : collection of Input
-        What moves as measured, where the drive tells it, instead of as commanded. A wheel that does
+        Inputs that move as measured where the drive tells them, not as commanded. A wheel that does
         so is no sensor any more, and `OF_INPUT` has no effect.
 
     Attributes
     ----------
     motion : MotionModel
-        Of the drive.
+        Motion of the vehicle on the drive.
     drive : MeasuredDrive
-        With the signals that are compared (`MotionModel.drive`).
+        Drive with the signals that are compared (`MotionModel.drive`).
     low, width : ndarray of float, shape (k,)
-        Of the parameters' ranges, in their units.
+        Lower ends and widths of the parameters' ranges, in the parameters' units.
     shared : int
         Number of nuisances, the first ones, that all drives have in common.
     nuisances : tuple of Nuisance
-        All of them: those of the motion, then those of what is seen of it.
+        All nuisances: those of the motion, then those of what is seen of it.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class DriveModel:
         Parameters
         ----------
         drive : MeasuredDrive
-            Of the same vehicle.
+            Drive of the same vehicle.
         """
         return DriveModel(
             self.vehicle, drive, self.effects, self._simulator, measured=self.motion.measured

@@ -1,4 +1,4 @@
-"""How a vehicle moves on a drive, with the steps of its finite differences.
+"""Motion of a vehicle on a drive, with the steps of its finite differences.
 
 One batch of the simulator gives the motion and its differences: the vehicle of the moment, one per
 parameter, one per nuisance that it is simulated with; eight lanes cost what one does. The drive's
@@ -81,7 +81,7 @@ _STEPS = {
     SPEED_DELAY: 1e-3,
     SPEED_ZERO: 1e-4,
 }
-"""Of the finite differences by nuisances that are no effects, in their units."""
+"""Steps of the finite differences by nuisances that are no effects, in their units."""
 
 _OF_SOME_DRIVES = {
     Sensor.LATERAL_ACCELERATION: ("lateral_acceleration",),
@@ -91,7 +91,7 @@ _OF_SOME_DRIVES = {
 
 
 class _Way(IntEnum):
-    """How the motion with a step of a nuisance is found, in the order of the lanes."""
+    """Way to find the motion with a step of a nuisance, in the order of the lanes."""
 
     SIMULATED = 0  # in the batch
     DELAYED = 1  # in one of its own, as the drive's dead time is the same in all of a batch
@@ -105,9 +105,9 @@ class _Followed:
     Attributes
     ----------
     setpoints, measured : ndarray of float, shape (t - 1,)
-        Those commanded on the ticks, and those that give what was measured.
+        Set-points on the ticks: those commanded, and those that give what was measured.
     moves : ndarray of bool, shape (t - 1,)
-        Where an error of the sensor's zero acts.
+        True where an error of the sensor's zero acts.
     """
 
     setpoints: FloatArray
@@ -115,7 +115,7 @@ class _Followed:
     moves: NDArray[np.bool_]
 
     def added(self, late: FloatArray, zero: FloatArray, gain: FloatArray) -> FloatArray:
-        """Return what is added to the set-points (n, t), by errors of the sensor (n,) each."""
+        """Return the additions (n, t) to the set-points by errors of the sensor, (n,) each."""
         ticks = TICK * np.arange(len(self.setpoints))
         rows = np.array([np.interp(ticks + delay, ticks, self.measured) for delay in late])
         wanted = rows * (1.0 + gain[:, np.newaxis]) + zero[:, np.newaxis] * self.moves
@@ -123,12 +123,12 @@ class _Followed:
 
 
 class MotionModel:
-    """How a vehicle moves on a drive.
+    """Motion of a vehicle on a drive, by parameters and nuisances.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the parameters to identify as its only unknown ones.
+        Vehicle in which the parameters to identify are the only unknown ones.
     drive : MeasuredDrive
         Commands and signals.
     effects : sequence of Effect
@@ -136,23 +136,23 @@ class MotionModel:
     simulator : callable
         Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
     measured : collection of Input
-        What moves as measured, where the drive tells it.
+        Inputs that move as measured, where the drive tells them.
 
     Attributes
     ----------
     drive : MeasuredDrive
-        With the signals that are compared: not those of sensors that the simulator lacks, nor the
-        speed of wheels that move as measured.
+        Drive with the signals that are compared: not those of sensors that the simulator lacks, nor
+        the speed of wheels that move as measured.
     measured : frozenset of Input
-        What moves so here.
+        Inputs that move as measured on this drive.
     time : ndarray of float, shape (t,)
         Ticks, since the start event [s].
     nuisances : tuple of Nuisance
-        That the motion depends on, those that all drives have in common first.
+        Nuisances that the motion depends on; those that all drives have in common come first.
     lanes : ndarray of int, shape (e,)
-        Which of them the motion is differentiated by.
+        Indices of the nuisances by which the motion is differentiated.
     low, width : ndarray of float, shape (k,)
-        Of the parameters' ranges, in their units.
+        Lower ends and widths of the parameters' ranges, in the parameters' units.
     """
 
     def __init__(
@@ -280,10 +280,11 @@ class MotionModel:
         Returns
         -------
         motions : Motions
-            Of 1 + k + e vehicles: at the point, with a step of each parameter, and of each of
-            `lanes`.
+            Motions of 1 + k + e vehicles: at the point, after a step of each parameter, and after a
+            step of each nuisance of `lanes`.
         lengths : ndarray of float, shape (k + e,)
-            Of the steps.
+            Lengths of the steps: of parameters in their ranges, of nuisances in standard deviations
+            of their priors.
         """
         k, e = len(z), len(self.lanes)
         lengths = np.concatenate(
@@ -298,12 +299,12 @@ class MotionModel:
         return self._lanes_of(Z, all_nuisances), lengths
 
     def knots_of(self, name: str) -> NDArray[np.int64]:
-        """Return which nuisances are the knots of a deviation or error, evenly spaced to the end.
+        """Return the indices of a deviation's or error's knots, evenly spaced to the end.
 
         Parameters
         ----------
         name : str
-            Of the deviation or the error.
+            Name of the deviation or the error.
         """
         return self._places[name]
 
@@ -473,7 +474,7 @@ def _follow(
 
 
 def _way(nuisance: Nuisance) -> _Way:
-    """How the motion with a step of a nuisance is found."""
+    """Way to find the motion with a step of a nuisance."""
     if nuisance.effect is None:
         return _Way.SIMULATED if nuisance.name in _STEPS else _Way.DISTORTED
     if nuisance.effect.name == DRIVE_DEAD_TIME:
@@ -499,7 +500,7 @@ def _wheel_columns(drive: MeasuredDrive) -> dict[Sensor, tuple[str, ...]]:
 
 
 def _lanes(motions: int, lanes: int) -> NDArray[np.int64]:
-    """Which of some motions each of at least as many lanes is of; those beyond: the first one."""
+    """Index of the motion in each lane; lanes beyond the number of motions repeat the first."""
     return np.where(np.arange(lanes) < motions, np.arange(lanes), 0)
 
 

@@ -47,11 +47,11 @@ class Batch(Protocol):
         columns : sequence of str
             Names of columns of a trajectory.
         speed : ndarray of float, shape (n,), optional
-            At which the samples roll at the start [m/s]; by default they are at rest.
+            Speed at which the samples roll at the start [m/s]; by default they are at rest.
         steering_delay : ndarray of float, shape (n,), optional
-            By which each servo hears of its set-point later [s].
+            Time by which each servo hears of its set-point later [s].
         drive_delay : float
-            By which the motor hears of its set-point later [s].
+            Time by which the motor hears of its set-point later [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s].
         steered : ndarray of float, shape (n, t), optional
@@ -64,7 +64,7 @@ class Simulator(Protocol):
     """Makes a `Batch`."""
 
     def __call__(self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0) -> Batch:
-        """Return what simulates a vehicle under commands."""
+        """Return the batch that simulates a vehicle under commands."""
         ...
 
 
@@ -75,9 +75,10 @@ class Motions:
     Attributes
     ----------
     x, y, heading, yaw_rate, wheel_speed : ndarray of float, shape (n, t)
-        Of `base_link` [m, rad, rad/s]; of the driven wheel [rad/s].
+        Position, heading and yaw rate of `base_link` [m, m, rad, rad/s]; rotation rate of the
+        driven wheel [rad/s].
     others : dict of Sensor to ndarray of float, shape (c, n, t)
-        What the other sensors see, where they are measured.
+        Values that the other sensors see, where they are measured.
     """
 
     x: FloatArray
@@ -93,12 +94,12 @@ class Motions:
         return self.x, self.y, self.heading, self.yaw_rate, self.wheel_speed
 
     def seen(self, sensor: Sensor) -> Sequence[FloatArray]:
-        """Return what a sensor sees, as `errors_of` says: rows (n, t).
+        """Return the rows (n, t) that a sensor sees, as `errors_of` says.
 
         Parameters
         ----------
         sensor : Sensor
-            One that is measured.
+            Sensor of which the drive has a signal.
         """
         if sensor is Sensor.LATERAL_ACCELERATION:
             return [*self.others[sensor], np.gradient(self.yaw_rate, TICK, axis=1)]
@@ -113,19 +114,19 @@ class Motions:
         }[sensor]
 
     def sensed(self, sensor: Sensor, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what a sensor sees at times.
+        """Return the values that a sensor sees at times, and their slopes.
 
         Parameters
         ----------
         sensor : Sensor
-            One that is measured.
+            Sensor of which the drive has a signal.
         time : ndarray of float, shape (m,)
             Times [s].
 
         Returns
         -------
         values : ndarray of float, shape (c, m, n)
-            Of each motion.
+            Rows that the sensor sees (`errors_of`) at the times, in each of the n motions.
         slopes : ndarray of float, shape (c, m)
             Their derivatives by time, of the first motion.
         """

@@ -87,7 +87,7 @@ def whiten(
     time : ndarray of float, shape (m,)
         Increasing [s].
     noise : NoiseLevel
-        Of the sensor.
+        Noise of the sensor.
     samples : SampleWeights, optional
         Weights, where samples are not all alike.
 
@@ -96,7 +96,7 @@ def whiten(
     columns : ndarray of float, shape (m, c)
         Whitened.
     log_determinant : float
-        Of the covariance.
+        Logarithm of the determinant of the noise's covariance.
     """
     out = np.empty(columns.shape)
     samples = samples or SampleWeights.alike(len(time))
@@ -141,7 +141,7 @@ class Residuals:
     Attributes
     ----------
     time : ndarray of float, shape (m,)
-        Of the samples [s].
+        Times of the samples [s].
     columns : ndarray of float, shape (m, c + 1)
         Jacobian by the variables `at`, then the residual.
     at : ndarray of int, shape (c,)
@@ -165,9 +165,9 @@ def white_level(time: FloatArray, values: FloatArray) -> float:
     Parameters
     ----------
     time : ndarray of float, shape (m,)
-        Of the samples [s].
+        Times of the samples [s].
     values : ndarray of float, shape (m, c)
-        Of c channels, in the sensor's unit.
+        Values of c channels, in the sensor's unit.
     """
     differences = np.diff(values, 3, axis=0)
     spacing = np.diff(time)
@@ -194,7 +194,7 @@ def restricted_noise(
     others : ndarray of float, shape (n + 1, n + 1)
         Part of the other sensors and of the priors in [J r]ᵀ[J r], whitened.
     start : NoiseLevel
-        Where to begin; at a drift of a third of the white part at least.
+        Noise at which the search begins; with a drift of a third of the white part at least.
     floor : float
         Smallest level: that of rounding.
 

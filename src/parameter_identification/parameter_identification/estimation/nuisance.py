@@ -19,13 +19,13 @@ class Nuisance:
     name : str
         E.g. "start heading".
     unit : str
-        Of mean and standard deviation.
+        Unit of the mean, the standard deviation and the bounds.
     mean, std : float
-        Of the prior.
+        Mean and standard deviation of the prior.
     low, high : float
         Values between which it lies.
     effect : Effect, optional
-        That it is of.
+        Effect that the nuisance belongs to; None: to no effect.
     """
 
     name: str
@@ -48,7 +48,7 @@ class InUnits:
     Attributes
     ----------
     means, deviations : ndarray of float, shape (q,)
-        Of the nuisances' priors, in their units.
+        Means and standard deviations of the nuisances' priors, in their units.
     """
 
     def __init__(self, nuisances: Sequence[Nuisance]) -> None:

@@ -1,4 +1,4 @@
-"""Which combinations of parameters the drives do not show."""
+"""Combinations of parameters that the drives do not show."""
 
 import math
 

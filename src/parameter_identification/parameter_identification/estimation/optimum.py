@@ -27,7 +27,7 @@ class Optimum:
     fit : Fit
         The minimum.
     covariance : ndarray of float, shape (n, n)
-        Of the variables: inverse information at the minimum.
+        Covariance of the variables: inverse information at the minimum.
     rivals : tuple of ndarray of float, shape (k,)
         Parameters, in their ranges, of other minima that fit as well.
     starts : (int, int)
@@ -58,7 +58,7 @@ def find_optimum(
     starts : int
         Number of fits from different starts.
     seed : int
-        Of the starts.
+        Seed of the starts.
     level : float
         Probability of the intervals: a minimum within what they allow is a rival.
     near : sequence of ndarray of float, shape (k,), optional
@@ -107,7 +107,7 @@ def rough_minima(
     starts : int
         Number of fits from different starts.
     seed : int
-        Of the starts.
+        Seed of the starts.
     step : callable
         Called after each of them.
     """
@@ -128,7 +128,7 @@ def settled(problem: LeastSquares, fit: Fit, step: Callable[[], None] = uncounte
     problem : LeastSquares
         The problem.
     fit : Fit
-        With another noise.
+        Fit by another noise, near which the search begins.
     step : callable
         Called after each fit, and each sensor's noise.
     """

@@ -42,7 +42,7 @@ class Interval:
         Parameters
         ----------
         factor : float
-            By which its numbers are larger there; positive.
+            Factor by which its numbers are larger in that unit; positive.
         """
         return Interval(factor * self.middle, factor * self.low, factor * self.high)
 
@@ -54,16 +54,17 @@ class Member:
     Attributes
     ----------
     vehicle : str
-        Its name.
+        Name of the vehicle.
     own : float
         Estimate from its drives alone.
     deviation : float
         Standard deviation of that estimate, errors in common included.
     value : Interval
-        Of its parameter, from its own drives and from the population; of an odd one from its own.
+        Median and interval of the vehicle's parameter, from its own drives and from the population;
+        of an odd vehicle from its own drives only.
     distance : float
-        Of its own estimate from what the other vehicles let expect, in standard deviations of that
-        expectation, spread and errors included.
+        Signed distance of the vehicle's own estimate from its prediction by the other vehicles, in
+        standard deviations of the prediction, spread and errors included.
     odd : bool
         Whether it is too far away for chance.
     """
@@ -83,7 +84,8 @@ class Population:
     Attributes
     ----------
     mean, spread : Interval
-        Of the population, odd vehicles left out.
+        Mean and spread (a standard deviation) of the parameter in the population; odd vehicles are
+        left out.
     members : tuple of Member
         In the order of the estimates.
     """
@@ -108,7 +110,8 @@ def population(
     vehicles : sequence of str
         Their names.
     estimates, deviations : ndarray of float, shape (v,)
-        Of a parameter, each from the drives of one vehicle alone.
+        Estimates of a parameter and their standard deviations, each from the drives of one vehicle
+        alone.
     common_errors : ndarray of float, shape (v, s), optional
         Errors that the estimates have in common beside the deviations, e.g. by a parameter that all
         vehicles share: how much one standard deviation of each changes every estimate.
@@ -218,7 +221,7 @@ class _Given:
 
 
 def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """How far each vehicle (v,) is from what the others let expect, and whether it is odd.
+    """Signed distances (v,) of vehicles from predictions by the others, and which are odd.
 
     Several odd ones hide each other. The farthest is therefore taken away, then the farthest from
     those that are left, and so on; all up to the last one that is too far away are odd (B. Rosner,
@@ -236,7 +239,10 @@ def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
 
 
 def _from_others(given: _Given, away: NDArray[np.bool_]) -> FloatArray:
-    """How far each vehicle (v,) is from what the others let expect of which none is away."""
+    """Signed distances (v,) of vehicles from predictions by the others, in standard deviations.
+
+    Vehicles marked `away` are left out of the predictions.
+    """
     found, x = given.without_each(~away), given.columns
     variance = given.spreads[:, None] ** 2 + given.deviations**2 + found.variances(x)
     off = (given.estimates - np.sum(found.means * x, axis=-1)) / np.sqrt(variance)

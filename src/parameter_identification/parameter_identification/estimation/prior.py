@@ -1,4 +1,4 @@
-"""What is known of the parameters before the drives: their ranges, or an earlier identification."""
+"""Prior knowledge of the parameters: their ranges, or an earlier identification."""
 
 from dataclasses import dataclass
 
@@ -39,12 +39,12 @@ class GaussianPrior:
 
 
 def box_prior(vehicle: Vehicle, prior: GaussianPrior | None) -> BoxPrior:
-    """Return what is known of the unknown parameters, in their ranges (0 to 1).
+    """Return the prior of the unknown parameters, in their ranges (0 to 1).
 
     Parameters
     ----------
     vehicle : Vehicle
-        Its k unknown parameters, with their ranges.
+        Vehicle with k unknown parameters and their ranges.
     prior : GaussianPrior, optional
         Replaces the ranges for the parameters that it names; those that are known by now are left.
 

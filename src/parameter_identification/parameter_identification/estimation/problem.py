@@ -92,11 +92,11 @@ class LeastSquares(Closing):
     models : sequence of DriveModel
         One per drive.
     mean : ndarray of float, shape (k,)
-        Of the prior of the parameters, in their ranges.
+        Mean of the prior of the parameters, in their ranges.
     information : ndarray of float, shape (k, k)
         Inverse covariance of that prior.
     loss : Loss
-        Of the residuals.
+        Cost of a residual.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class LeastSquares(Closing):
     low, high : ndarray of float, shape (n,)
         Bounds of the variables.
     noise : dict of Sensor to NoiseLevel
-        By which residuals are weighted; `estimate_noise` sets it.
+        Noise of each sensor, by which residuals are weighted; `estimate_noise` sets it.
     floors : dict of Sensor to float
         Noise that rounding makes, at least.
     samples_in_all : int
@@ -183,7 +183,7 @@ class LeastSquares(Closing):
         function : callable
             Holds the interpreter for a small part of its time.
         *of : iterable
-            Its arguments.
+            Iterables of its arguments, one per argument.
         """
         return self._pool.map(function, *of)
 
@@ -261,7 +261,7 @@ class LeastSquares(Closing):
         v : ndarray of float, shape (n,)
             Variables, near the minima.
         free : ndarray of bool, shape (n,)
-            Those that are estimated: the parameters, and others.
+            True for variables that are estimated: the parameters, and others.
         """
         prior, estimates, variances = self._prior_gram(v), [], []
         for gram, at in zip(
@@ -286,7 +286,7 @@ class LeastSquares(Closing):
         v : ndarray of float, shape (n,)
             Variables, near the minimum.
         free : ndarray of bool, shape (n,)
-            Those that are estimated.
+            True for variables that are estimated.
         """
         grams, prior = list(self._grams(self.predictions(v), self.noise)), self._prior_gram(v)
         whole = sum(grams, prior)
@@ -359,7 +359,7 @@ class LeastSquares(Closing):
         count : int
             Number of starts.
         seed : int
-            Of the sequence.
+            Seed of the Sobol' sequence.
         """
         Z = np.vstack([self.mean, sobol_sequence(CANDIDATES - 1, self.k, seed=seed)])
         white = {sensor: level.white for sensor, level in self.noise.items()}
@@ -380,7 +380,7 @@ class LeastSquares(Closing):
         start : ndarray of float, shape (n,)
             Variables.
         free : ndarray of bool, shape (n,), optional
-            Which of them may change. Default: all.
+            True for variables that may change. Default: all.
         tolerance : float
             The search ends when the next step would lower the quadratic cost by less (an interval
             is where the cost rises by some 4); that step is taken, its cost is the quadratic one.
@@ -469,7 +469,7 @@ class LeastSquares(Closing):
         self._precision = self._precision + self.more_precision(sizes)[self.k :]
 
     def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
-        """Return what other sizes of the deviations add to the prior's information (n,).
+        """Return the prior information (n,) that other sizes of the deviations add.
 
         Parameters
         ----------
@@ -608,7 +608,7 @@ class LeastSquares(Closing):
         Parameters
         ----------
         predictions : sequence of sequence of Prediction
-            Of each drive.
+            Predictions of each drive, one per sensor.
         limit : float
             In standard deviations.
         """

@@ -28,9 +28,9 @@ class ProfileCurve:
     z : ndarray of float, shape (g,)
         Parameter in its range, increasing; the estimate is one of them.
     rise : ndarray of float, shape (g,)
-        Of the cost above its minimum.
+        Rise of the cost above its minimum at each value, the other variables fitted anew.
     interval : (float, float)
-        Where it is as high as the level allows, within 0 to 1.
+        Ends at which the rise is as high as the level allows, within 0 to 1.
     """
 
     z: FloatArray
@@ -46,9 +46,9 @@ def profile(
     Parameters
     ----------
     problem : LeastSquares
-        With n variables.
+        Problem of n variables.
     best : Fit
-        Its minimum.
+        Minimum of the problem.
     inverse : ndarray of float, shape (n, n)
         Inverse information there.
     i : int

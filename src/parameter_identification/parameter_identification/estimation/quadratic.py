@@ -48,7 +48,7 @@ class Quadratic:
 
     @property
     def finite(self) -> bool:
-        """Whether all numbers are."""
+        """Whether cost, gradient and information are finite."""
         return bool(np.isfinite([self.cost, self.gradient.sum(), self.information.sum()]).all())
 
     @property
@@ -83,7 +83,7 @@ class Quadratic:
         free : ndarray of bool, shape (n,), optional
             Variables that change. Default: all.
         damping : float or ndarray of float, shape (n,)
-            Of Levenberg and Marquardt: added to the information's diagonal.
+            Damping of Levenberg and Marquardt: added to the information's diagonal.
         """
         at = np.arange(len(self.at)) if free is None else np.flatnonzero(free)
         factor = np.linalg.cholesky(

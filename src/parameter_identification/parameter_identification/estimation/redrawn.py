@@ -35,11 +35,11 @@ class Table:
     recording : Recording
         From `read_recording`.
     vehicle : Vehicle
-        Whose parameters are identified.
+        Vehicle that drove; its unknown parameters are identified.
     steering : SteeringMap
         From the recording's steering to the angle of the steering motor.
     windows : Windows
-        Which.
+        Choice of the windows.
     """
 
     recording: Recording
@@ -60,7 +60,7 @@ class Table:
 
     @cached_property
     def motion(self) -> Motion:
-        """How the body moved, by the poses."""
+        """Motion of the body, by the poses."""
         return motion_of(self.recording)
 
     @property
@@ -83,7 +83,7 @@ class Table:
         parameters : mapping of str to float
             Values of unknown parameters.
         noise : mapping of Sensor to NoiseLevel
-            Of the sensors; one that is missing does not err.
+            Noise of each sensor; one that is missing measures without errors.
         rng : Generator
             Source of the noise.
         """
@@ -132,12 +132,12 @@ class Table:
 
 
 def redraw_of(tables: Sequence[Table]) -> Redraw | None:
-    """Return what gives the windows of tables anew; None where positions tell the speed well.
+    """Return a function that gives the windows anew; None where positions tell the speed well.
 
     Parameters
     ----------
     tables : sequence of Table
-        All that a fit is of.
+        All tables that are fitted together.
     """
     if max(table.scatter for table in tables) < SCATTERED:
         return None

@@ -24,9 +24,10 @@ class Profile:
     Attributes
     ----------
     values : ndarray of float, shape (g,)
-        Of the parameter, in its unit.
+        Values of the parameter, in its unit.
     rise : ndarray of float, shape (g,)
-        Of twice the negative log-likelihood above its minimum, everything else fitted anew.
+        Rise of twice the negative log-likelihood above its minimum at each value, everything else
+        fitted anew.
     """
 
     values: FloatArray
@@ -40,17 +41,17 @@ class Estimate:
     Attributes
     ----------
     unit : str
-        Of all numbers.
+        Unit of the parameter, in which all numbers are.
     estimate : float
-        Of the parameter.
+        Estimated value of the parameter.
     standard_deviation : float
-        Of the estimate, by linearisation.
+        Standard deviation of the estimate, by linearisation.
     low, high : float
         Interval, from the profile likelihood where it was computed, else `linear`.
     linear : (float, float)
         Interval by linearisation at the estimate.
     range : (float, float)
-        Of the vehicle file.
+        Ends of the parameter's range in the vehicle file.
     identifiable : bool
         Whether the drives at least halved the prior's standard deviation.
     profile : Profile, optional
@@ -88,7 +89,7 @@ def common_truth(truths: Iterable[Mapping[str, float]]) -> dict[str, float]:
     Parameters
     ----------
     truths : iterable of mapping of str to float
-        Those of each drive.
+        True parameters of each drive, by name.
     """
     first, *others = truths
     return dict(first) if all(truth == first for truth in others) else {}
@@ -122,9 +123,9 @@ class NuisanceEstimate:
     Attributes
     ----------
     estimate, standard_deviation : float
-        Of the quantity.
+        Estimate of the quantity and its standard deviation.
     unit : str
-        Of both.
+        Unit of both numbers.
     """
 
     estimate: float
@@ -141,15 +142,17 @@ class EffectEstimate:
     name, unit : str
         "1": a share of the value in the file.
     estimate, standard_deviation : float
-        Of the effect; of a deviation, which varies in time about 0, 0 and its size.
+        Estimate of the effect and its standard deviation; of a deviation, which varies in time
+        about 0, they are 0 and its size.
     prior : float
         Standard deviation before the drives.
     drive : str
-        That it belongs to; "": to all.
+        Name of the drive that the effect belongs to; "": it is that of all drives.
     acts : float or None
         Probability that it does, where the effects were weighed.
     chance : float or None
-        Of a deviation: the probability of drives that show as much of it, if there were none.
+        Probability that drives would show as much of a deviation if there were none; None where
+        this is not tested.
     at_an_end : bool
         Whether the estimate is at an end of what is taken for possible.
     """
@@ -181,7 +184,7 @@ _SHOWN_UNITS = {"rad": (180.0 / math.pi, "°"), "1": (100.0, " %"), "m": (100.0,
 
 @dataclass(frozen=True, eq=False)
 class Lack:
-    """What the model lacks along a drive, once a second, and where the vehicle was then.
+    """Misfit of the model along a drive, once a second, and the motion of the vehicle then.
 
     Attributes
     ----------
@@ -208,7 +211,7 @@ class DriveFit:
     Attributes
     ----------
     name : str
-        Of the drive.
+        Name of the drive.
     nuisances : mapping of str to NuisanceEstimate
         By name.
     before : mapping of Sensor to Prediction
@@ -216,13 +219,14 @@ class DriveFit:
     after : mapping of Sensor to Prediction
         By the estimates.
     weights : mapping of Sensor to ndarray of float, shape (m,)
-        Of the m samples; below 1 where errors of their stamps or the robust loss reduce it.
+        Weights of the m samples; below 1 where errors of their stamps or the robust loss reduce
+        them.
     lack : Lack, optional
-        What the model lacks along the drive.
+        Misfit of the model along the drive.
     recording : str
-        As of a `MeasuredDrive`.
+        Name of the recording that the drive is a window of; empty: a drive of its own.
     map_estimated : bool
-        As of a `MeasuredDrive`.
+        Whether its steering's angle is by a map that was estimated from the recording.
     """
 
     name: str
@@ -246,7 +250,7 @@ class HeldOut:
     Attributes
     ----------
     name : str
-        Of the drive.
+        Name of the drive.
     rms_nominal, rms_estimated : float
         Root mean square distance of measured and predicted positions [m], with the nominal and with
         the estimated parameters.
@@ -275,11 +279,11 @@ def asked_for(
     Parameters
     ----------
     parameters : mapping of str to Estimate
-        All that were estimated.
+        Estimates of all parameters, by name.
     covariance : ndarray of float, shape (k, k)
-        Of these, in their order.
+        Covariance of the estimates, in the order of `parameters`.
     names : collection of str
-        Of the parameters that are asked for.
+        Names of the parameters that are asked for.
     """
     at = [i for i, name in enumerate(parameters) if name in names]
     return {
@@ -295,7 +299,7 @@ def correlation_of(covariance: FloatArray) -> FloatArray:
     Parameters
     ----------
     covariance : ndarray of float, shape (k, k)
-        Of them.
+        Covariance of the estimates.
     """
     std = np.sqrt(np.diag(covariance))
     correlation: FloatArray = covariance / np.outer(std, std)
@@ -315,7 +319,7 @@ class Identification:
     parameters : mapping of str to Estimate
         By name.
     covariance : ndarray of float, shape (k, k)
-        Of the estimates, in their units.
+        Covariance of the estimates, in their units.
     fixed : mapping of str to float
         Parameters that were held at their nominal values: no interval counts an error in them.
     hidden : tuple of Combination
@@ -339,11 +343,11 @@ class Identification:
     level : float
         Probability of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     seconds : float
-        That the computation took.
+        Time that the computation took [s].
     effects : tuple of EffectEstimate
-        What was estimated beside the parameters.
+        Effects that were estimated beside the parameters.
     scatter : float
         Largest ratio of a standard deviation by the drives' scatter to that by the noise; NaN for
         one drive. Far above 1 the drives contradict each other: the model lacks something.
@@ -351,7 +355,7 @@ class Identification:
         How much farther than expected the worst drive is from the others' prediction of it [m]
         (RMS); 0 where that may be chance.
     measured : frozenset of Input
-        What moved as measured, not as the commands say.
+        Inputs that moved as measured, not as the commands say.
     friction_used : float
         Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     others : mapping of str to Estimate
@@ -388,7 +392,7 @@ class Identification:
         Parameters
         ----------
         names : collection of str
-            Of the parameters that are asked for.
+            Names of the parameters that are asked for.
         """
         at = [i for i, name in enumerate(self.names) if name in names]
         return replace(

@@ -42,11 +42,11 @@ class FitSetting:
     effects : tuple of Effect
         Estimated beside the parameters.
     noise : mapping of Sensor to NoiseLevel
-        Of every sensor that a drive has.
+        Noise of every sensor that a drive has.
     sizes : mapping of str to float
-        Of the deviations among the effects, in standard deviations of their priors.
+        Size of each deviation among the effects, by name, in standard deviations of its prior.
     measured : frozenset of Input
-        What moves as measured in all drives.
+        Inputs that move as measured in all drives.
     """
 
     vehicle: Vehicle
@@ -68,9 +68,9 @@ class DriveShare:
     Attributes
     ----------
     name : str
-        Of the drive.
+        Name of the drive.
     began : float
-        When it began [s since 1970]; NaN: not known.
+        Time at which it began [s since 1970]; NaN: not known.
     samples : int
         Numbers measured.
     at : ndarray of float, shape (c,)
@@ -78,7 +78,7 @@ class DriveShare:
     cost : float
         Squared residuals over their variances.
     information : ndarray of float, shape (c, c)
-        Of the common variables, without their priors.
+        Half the second derivatives of the cost by the common variables, without their priors.
     gradient : ndarray of float, shape (c,)
         Half the slope of the cost.
     own : ndarray of float, shape (q,)
@@ -116,15 +116,15 @@ def first_fit(
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        With every sensor that other drives of the vehicle have.
+        Drives to fit; they have every sensor that other drives of the vehicle have.
     vehicle : Vehicle
         Known constants and ranges.
     effects : sequence of Effect
         Estimated beside the parameters.
     prior : BoxPrior
-        Of the parameters, in their ranges.
+        Prior of the parameters, in their ranges.
     seed : int
-        Of the starts.
+        Seed of the starts.
     """
     near, known = None, (prior.mean, prior.information)
     with threadpool_limits(1, user_api="blas"):
@@ -148,7 +148,7 @@ def missing_inputs(setting: FitSetting, drive: MeasuredDrive) -> str:
     Parameters
     ----------
     setting : FitSetting
-        Of its vehicle.
+        Model and noise by which the vehicle's drives are fitted.
     drive : MeasuredDrive
         The drive.
     """
@@ -169,13 +169,13 @@ def share_of(
     Parameters
     ----------
     setting : FitSetting
-        Of its vehicle.
+        Model and noise by which the vehicle's drives are fitted.
     drive : MeasuredDrive
         The drive.
     common : ndarray of float, shape (c,)
         The point.
     own : ndarray of float, shape (q,), optional
-        Where the search of its own variables begins. Default: the means of their priors.
+        Own variables at which their search begins. Default: the means of their priors.
     """
     if reason := missing_inputs(setting, drive):
         raise IdentificationError(f"{drive.name}: {reason}")

@@ -1,4 +1,4 @@
-"""How far an estimation is, in steps of about the same time."""
+"""Progress of an estimation, in steps of about the same time."""
 
 from tricycle_core.quantities import Progress
 

@@ -1,4 +1,4 @@
-"""Which of a vehicle's parameters are unknown."""
+"""The unknown parameters of a vehicle: checks of names, and restriction to some."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -13,9 +13,9 @@ def check_unknown(vehicle: Vehicle, names: Iterable[str]) -> None:
     Parameters
     ----------
     vehicle : Vehicle
-        With the unknown parameters.
+        Vehicle that has the unknown parameters.
     names : iterable of str
-        To be checked.
+        Names to be checked.
 
     Raises
     ------
@@ -36,9 +36,9 @@ def restrict(vehicle: Vehicle, parameters: Sequence[str]) -> Vehicle:
     Parameters
     ----------
     vehicle : Vehicle
-        With at least these unknown parameters.
+        Vehicle in which at least these parameters are unknown.
     parameters : sequence of str
-        Names.
+        Names of the parameters that stay unknown.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How well the fitted model predicts: the drives it was fitted to, and held-out ones."""
+"""Predictions by the fitted model: the drives it was fitted to, and held-out ones."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.effects import SPEED_DEVIATION, TURN_DEVIATION
 
 DEVIATIONS = ((SPEED_DEVIATION, "%", 100.0), (TURN_DEVIATION, "(1/m)", 1.0))
-"""Those that go on all along a drive: name, unit that is shown, and the factor to it."""
+"""Deviations that go on all along a drive: name, unit that is shown, and the factor to it."""
 CHANCE = 0.01  # probability from which a drive is as far from its prediction as by chance
 NO_SIZE = 0.01  # of a deviation, in standard deviations of its prior, up to which it does not act
 
@@ -42,7 +42,7 @@ def fits_of_drives(
     optimum : Optimum
         The best fit.
     predictions : sequence of sequence of Prediction
-        Of each drive at the best fit.
+        Predictions of each drive at the best fit, one per sensor.
     """
     nominal = optimum.fit.at.copy()
     nominal[: problem.k] = problem.models[0].nominal
@@ -76,7 +76,7 @@ def fits_of_drives(
 def _lack(
     problem: LeastSquares, optimum: Optimum, drive: int, predictions: Sequence[Prediction]
 ) -> Lack:
-    """What the model lacks along a drive: what is left of the positions, and its deviations."""
+    """Misfit along a drive: residuals of the positions, and the deviations."""
     model, at = problem.models[drive], problem.nuisances_at(drive)
     z, own = optimum.fit.at[: problem.k], optimum.fit.at[at]
     position = next(p for p in predictions if p.sensor is Sensor.POSITION)
@@ -160,7 +160,7 @@ def whiteness_of_residuals(
     problem : LeastSquares
         Holds the drives and the weights of their samples.
     predictions : sequence of sequence of Prediction
-        Of each drive at the best fit.
+        Predictions of each drive at the best fit, one per sensor.
     """
     return tuple(
         whiteness(
@@ -178,7 +178,7 @@ def whiteness_of_residuals(
 
 @dataclass(frozen=True, eq=False)
 class CrossPrediction:
-    """How well each drive is predicted from the others.
+    """Result of predicting each drive from the others.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ def predict_each_other(
     optimum : Optimum
         The best fit.
     predictions : sequence of sequence of Prediction
-        Of each drive at the best fit.
+        Predictions of each drive at the best fit, one per sensor.
     """
     v, missed, estimates = optimum.fit.at, 0.0, []
     free = (v != 0.0) & ~problem.at_an_end(v)  # other effects are held there
@@ -273,9 +273,9 @@ def predict_held_out(
     optimum : Optimum
         The best fit.
     drive : MeasuredDrive
-        One that was not used for it.
+        Drive that was not used for the fit.
     loss : Loss
-        Of the residuals.
+        Cost of a residual.
     level : float
         Probability of the band around the predicted positions.
     missed : float
@@ -318,7 +318,7 @@ def predict_held_out(
 
 
 def _fitted(model: DriveModel) -> NDArray[np.bool_]:
-    """Which variables of a drive (k + q,) are fitted where it is predicted: no effects."""
+    """True for variables of a drive (k + q,) fitted where it is predicted: no effects."""
     of_drive = [n.effect is None for n in model.nuisances[model.shared :]]
     return np.append(np.zeros(len(model.low) + model.shared, dtype=bool), of_drive)
 

@@ -46,7 +46,8 @@ def weigh_effects(
     Parameters
     ----------
     problem : LeastSquares
-        Its effects; the noise and the sizes of the deviations are estimated anew.
+        Problem whose effects are weighed; its noise and the sizes of the deviations are estimated
+        anew.
     optimum : Optimum
         The best fit with all effects.
     """
@@ -91,7 +92,8 @@ class _Effects:
     places : dict of str to list of int
         Variables of each effect, by its name.
     variables : ndarray of int
-        Those of the mixture: the parameters and all effects.
+        Indices of the mixture's variables among the problem's: the parameters and all effects that
+        are weighed here.
     """
 
     def __init__(self, problem: LeastSquares) -> None:
@@ -112,14 +114,14 @@ class _Effects:
         self._chances |= dict.fromkeys(names, INDISPENSABLE)
 
     def free_in(self, acting: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which of the problem's variables (n,) are free where these effects act."""
+        """True for the problem's variables (n,) that are free where these effects act."""
         free = np.ones(self._problem.n, dtype=bool)
         for at, acts in zip(self.places.values(), acting, strict=True):
             free[at] = acts
         return free
 
     def probabilities(self, found: Mixture) -> dict[str, float]:
-        """Of each effect, by its name."""
+        """Probability of each effect, by its name."""
         probable = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
         return dict(zip(self.places, probable.tolist(), strict=True))
 
@@ -158,11 +160,11 @@ def refitted(
     Parameters
     ----------
     problem : LeastSquares
-        With `quadratic` and `minimise`.
+        Problem to fit again; its `quadratic` and `minimise` are used.
     fit : Fit
-        With more effects.
+        Fit with more effects.
     acts : ndarray of bool, shape (n,)
-        Which variables are free; the others are 0.
+        True for variables that are free; the others are 0.
     places : mapping of str to sequence of int
         Variables of each effect, by its name.
     """
@@ -208,11 +210,11 @@ def indispensable(
     Parameters
     ----------
     problem : LeastSquares
-        With `quadratic`, `low` and `high`.
+        Problem that was fitted; its `quadratic`, `low` and `high` are used.
     here : Quadratic
         At the fit.
     free : ndarray of bool, shape (n,)
-        Which variables are free in the fit.
+        True for variables that are free in the fit.
     places : mapping of str to sequence of int
         Variables of each effect that is asked for, by its name.
     """

@@ -23,9 +23,9 @@ class Whiteness:
     Attributes
     ----------
     drive, channel : str
-        Names.
+        Names of the drive and the channel.
     rms : float
-        Of the residuals, in the channel's unit.
+        Root mean square of the residuals, in the channel's unit.
     correlation : float
         From one sample to the next.
     statistic : float
@@ -81,9 +81,9 @@ def whiteness(
     Parameters
     ----------
     drive, channel : str
-        Names.
+        Names of the drive and the channel.
     time : ndarray of float, shape (m,)
-        Of the samples [s].
+        Times of the samples [s].
     measured, residuals : ndarray of float, shape (m,)
         Values, and their deviations from the model, in the channel's unit.
     """
@@ -105,7 +105,7 @@ def resolution(values: FloatArray) -> float:
     Parameters
     ----------
     values : ndarray of float, shape (m,)
-        Of one channel.
+        Values of one channel.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def coloured(tests: tuple[Whiteness, ...]) -> tuple[Whiteness, ...]:
     Parameters
     ----------
     tests : tuple of Whiteness
-        Of all channels; those whose residuals cannot be tested do not count.
+        Tests of all channels; those whose residuals cannot be tested do not count.
     """
     tested = [test for test in tests if np.isfinite(test.p)]
     return tuple(test for test in tested if test.p * len(tested) < SIGNIFICANCE)

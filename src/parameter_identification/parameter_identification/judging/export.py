@@ -30,9 +30,9 @@ def exported_files(
     Parameters
     ----------
     bags : sequence of Path
-        Of the drives.
+        Bags of the drives.
     directory : Path
-        Of the files.
+        Directory of the files.
     export_format : ExportFormat
         One file as CSV; in the format of TUM measured and reference.
     """
@@ -56,16 +56,16 @@ def export(
     Parameters
     ----------
     judgements : sequence of Judgement
-        What the files of `exported_files` are made of.
+        Drives to save, one or two files each (`exported_files`).
     directory : Path
         Created if need be; files of the same name are replaced.
     export_format : ExportFormat
-        Of the files; numbers are written with all their digits.
+        Format of the files; numbers are written with all their digits.
 
     Returns
     -------
     files : list of Path
-        Those written.
+        Files that were written.
     """
     directory.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
@@ -101,7 +101,7 @@ def plot(judgements: Sequence[Judgement], path: Path) -> None:
     judgements : sequence of Judgement
         Drives to show.
     path : Path
-        Its suffix is one of `PICTURES`.
+        File to write; its suffix is one of `PICTURES`.
     """
     # The backend is for files, and importing it takes a while: only who plots pays.
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -37,7 +37,7 @@ STRAIGHT = 0.1  # rad of heading up to which the drive is straight, for the time
 
 
 class Anchor(Enum):
-    """How the pose of the reference's origin, in the frame of the measured poses, is found."""
+    """Ways to find the pose of the reference's origin in the frame of the measured poses."""
 
     STANDSTILL = "standstill"  # mean pose before the start event
     START = "start"  # the single pose at the start event
@@ -68,11 +68,11 @@ class TimeSeries:
     Attributes
     ----------
     time : ndarray of float, shape (j,)
-        Since the start event [s].
+        Times since the start event [s].
     x, y, heading : ndarray of float, shape (j,)
         Measured [m] and [rad].
     reference_x, reference_y, reference_heading : ndarray of float, shape (j,)
-        Of the reference [m] and [rad].
+        Position and heading of the reference [m] and [rad].
     along, cross : ndarray of float, shape (j,)
         Deviation along the reference's heading and to its left [m].
     heading_error : ndarray of float, shape (j,)
@@ -103,9 +103,9 @@ class Judgement:
     Attributes
     ----------
     bag : Path
-        Where the drive was recorded.
+        Path of the bag that was judged.
     plan_id : str
-        Of the maneuver driven.
+        Identifier of the plan that was driven.
     te : float
         Trajectory error (Eq. 14) with the chosen anchor [m²].
     te_corrected : float
@@ -121,7 +121,7 @@ class Judgement:
     rms_heading : float
         Root mean square of the deviation of the heading [rad]; NaN for a sensor without heading.
     duration : float
-        Of the reference [s].
+        Duration of the reference [s].
     anchor : Anchor
         The chosen one.
     anchor_pose : PlanarPose
@@ -131,7 +131,7 @@ class Judgement:
     time_offset : float
         Time by which the drive seems to lag behind the reference [s]; NaN if unknown.
     time_offset_deviation : float
-        Its standard deviation [s].
+        Standard deviation of `time_offset` [s].
     series : TimeSeries
         The drive at the points of Eq. 14.
     """
@@ -168,9 +168,9 @@ def judge(
     bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     topics : TopicNames, optional
-        Where names differ from the suite's.
+        Names of the topics, where they differ from the suite's.
     anchor : Anchor
-        Where the reference starts; `Anchor.FIT` aligns it with the measured poses.
+        Choice of where the reference starts; `Anchor.FIT` aligns it with the measured poses.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> 
     drive : RecordedDrive
         From `read_drive`.
     anchor : Anchor
-        Where the reference starts.
+        Choice of where the reference starts.
 
     Raises
     ------
@@ -394,7 +394,7 @@ def _noise_effect(
     noise: float,
     anchor: Anchor,
 ) -> tuple[float, float]:
-    """What white noise adds to TE on average, and TE's standard deviation from the anchor's noise.
+    """Mean that white noise adds to TE, and TE's standard deviation from the anchor's noise.
 
     A point between two poses with weights w and 1 - w has noise of variance (w² + (1-w)²) σ². An
     anchor that is the mean of n poses moves all points alike by noise of variance σ²/n and turns

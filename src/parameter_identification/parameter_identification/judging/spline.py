@@ -41,7 +41,7 @@ class CubicSpline:
         Parameters
         ----------
         at : ndarray of float, shape (m,)
-            Where.
+            Points at which the values are wanted.
         derivative : int
             0 or 1.
         """
