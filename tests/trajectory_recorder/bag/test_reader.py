@@ -16,7 +16,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
-from trajectory_recorder.bag.reader import BagReader, RecordedMessage, _uncompress
+from trajectory_recorder.bag.mcap_file import _uncompress
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.records import serialize
 from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import Topic, deserialize, jazzy

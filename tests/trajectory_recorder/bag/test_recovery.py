@@ -6,7 +6,8 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
-from trajectory_recorder.bag.reader import BagReader, _LocalFile
+from trajectory_recorder.bag.mcap_file import LocalFile
+from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import Topic
 from trajectory_recorder.bag.writer import BagWriter, Compression
@@ -88,8 +89,8 @@ def test_a_tail_of_zeros_ends_the_file(bag: Path, monkeypatch: pytest.MonkeyPatc
     data = file.read_bytes().partition(bytes([Opcode.DATA_END, 4, *bytes(7)]))[0]
     file.write_bytes(data + bytes(50_000))
     reads: list[int] = []
-    read = _LocalFile.read
-    monkeypatch.setattr(_LocalFile, "read", lambda *args: reads.append(1) or read(*args))
+    read = LocalFile.read
+    monkeypatch.setattr(LocalFile, "read", lambda *args: reads.append(1) or read(*args))
     assert contents(bag) == [b"%06d" % i for i in range(COUNT)]
     assert len(reads) < 500
 
