@@ -22,7 +22,7 @@ from parameter_identification.drives.kept import beginning_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.intervals import check_level
-from parameter_identification.estimation.population import FEWEST, Member, Population
+from parameter_identification.estimation.population import MIN_VEHICLES, Member, Population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
 from parameter_identification.fleet_fit import FleetFit, FleetPosterior
@@ -49,7 +49,7 @@ class Fleet:
         Result for each vehicle, by name; shared parameters are those of all.
     populations : mapping of str to Population
         By parameter, of the vehicles whose drives show it; a parameter that fewer than
-        `estimation.population.FEWEST` vehicles show has none. Of one that changes, at the time
+        `estimation.population.MIN_VEHICLES` vehicles show has none. Of one that changes, at the time
         `when`.
     changes : mapping of str to Population
         By parameter, of its rate per day.
@@ -135,7 +135,7 @@ def identify_fleet(
         are drawn from a population.
     changing : sequence of str, optional
         Parameters that change linearly in time, among those drawn from a population. The first and
-        the last drive of at least `FEWEST` vehicles must be at least `APART` apart.
+        the last drive of at least `MIN_VEHICLES` vehicles must be at least `APART` apart.
     effects : sequence of str, optional
         Effects (of `EFFECTS`) that are estimated beside the parameters of each vehicle. All act.
     executor : concurrent.futures.Executor, optional
@@ -156,7 +156,7 @@ def identify_fleet(
     Raises
     ------
     IdentificationError
-        If there are fewer than `FEWEST` vehicles, a bag cannot be used, or a parameter is not one,
+        If there are fewer than `MIN_VEHICLES` vehicles, a bag cannot be used, or a parameter is not one,
         or is named twice, or the times of the drives show no change.
     """
     check_level(level)
@@ -226,9 +226,9 @@ def _usable_drives(
     other_vehicle: bool,
 ) -> tuple[dict[str, list[Path]], dict[Path, Path], list[str]]:
     """Kept drives by vehicle, the kept drive of each bag, and why bags are left out."""
-    if len(bags) < FEWEST:
+    if len(bags) < MIN_VEHICLES:
         raise IdentificationError(
-            f"a fleet needs at least {FEWEST} vehicles; given: {', '.join(bags) or 'none'}"
+            f"a fleet needs at least {MIN_VEHICLES} vehicles; given: {', '.join(bags) or 'none'}"
         )
     every = [bag for drives in bags.values() for bag in drives]
     if len(set(every)) < len(every):
@@ -243,9 +243,9 @@ def _usable_drives(
         for name, drives in bags.items()
         if (usable := [known[bag] for bag in drives if bag in known])
     }
-    if len(files) < FEWEST:
+    if len(files) < MIN_VEHICLES:
         raise IdentificationError(
-            f"a fleet needs at least {FEWEST} vehicles; with drives that can be used: "
+            f"a fleet needs at least {MIN_VEHICLES} vehicles; with drives that can be used: "
             f"{', '.join(files) or 'none'}{some_of(left_out)}"
         )
     return files, known, left_out
@@ -270,7 +270,7 @@ def _populations(
             at.append(fit.variables.common + list(changing).index(parameter))
         evidence = posterior.without_prior(at, level)
         showing = [name for name, shown in zip(vehicles, evidence.shown, strict=True) if shown]
-        if len(showing) < FEWEST:
+        if len(showing) < MIN_VEHICLES:
             continue
         if parameter in changing:
             per_day = (high - low) / days
@@ -303,10 +303,10 @@ def _times(files: Mapping[str, Sequence[Path]], changing: Sequence[str]) -> tupl
     every = np.concatenate(list(times.values()))
     when = float(np.mean(every))
     apart = [name for name, own in times.items() if np.ptp(own) >= APART]
-    if changing and (math.isnan(when) or len(apart) < FEWEST):
+    if changing and (math.isnan(when) or len(apart) < MIN_VEHICLES):
         raise IdentificationError(
             f"{', '.join(changing)}: needs drives at different times, by {APART / 60.0:.0f} min or "
-            f"more, of at least {FEWEST} vehicles; so are those of: {', '.join(apart) or 'none'}"
+            f"more, of at least {MIN_VEHICLES} vehicles; so are those of: {', '.join(apart) or 'none'}"
         )
     return when, float(np.abs(every - when).max())
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.estimates import estimates_of, identifiable
 from parameter_identification.estimation.interval_correction import (
-    SCATTER,
+    MIN_DRIVES_FOR_SCATTER,
     beyond_ranges,
     pulled_parameters,
     scatter_factors,
@@ -142,7 +142,7 @@ class FleetFit:
             prior = self._prior()
             # few vehicles do not show how they scatter; their drives may
             clusters = list(arrow.gradient[:, np.newaxis])
-            if len(clusters) < SCATTER:
+            if len(clusters) < MIN_DRIVES_FOR_SCATTER:
                 clusters = [fit.quadratic.slopes for fit in self.fits]
             slopes = [
                 own[:, arrow.common] + own[:, arrow.own] @ f

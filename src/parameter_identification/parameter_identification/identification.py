@@ -34,7 +34,10 @@ from parameter_identification.estimation.bootstrap import REPEATS, Redraw, boots
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
-from parameter_identification.estimation.interval_correction import SCATTER, interval_correction
+from parameter_identification.estimation.interval_correction import (
+    MIN_DRIVES_FOR_SCATTER,
+    interval_correction,
+)
 from parameter_identification.estimation.intervals import check_level
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.model import DriveModel
@@ -197,7 +200,7 @@ def identify(
     with threadpool_limits(1, user_api="blas"), problem_with(beside) as problem:
         shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
         weighs = bool(weighed and problem.constant_effects())
-        if weighs or len(drives) >= SCATTER or redraw is not None:
+        if weighs or len(drives) >= MIN_DRIVES_FOR_SCATTER or redraw is not None:
             profiles = False
         to_optimum = starts * bool(beside) + steps_to_optimum(problem, starts)
         to_end = to_optimum + weighs + len(shown) * profiles + REPEATS * (redraw is not None)
@@ -221,10 +224,10 @@ def identify(
         predictions = problem.predictions(optimum.fit.at)
         tested = whiteness_of_residuals(problem, predictions)
         missed, missing = 0.0, None
-        if len(drives) > 1 and (held_out or len(drives) < SCATTER):
+        if len(drives) > 1 and (held_out or len(drives) < MIN_DRIVES_FOR_SCATTER):
             cross = predict_each_other(problem, optimum, predictions)
             missed = cross.missed
-            missing = cross.estimates if missed and len(drives) < SCATTER else None
+            missing = cross.estimates if missed and len(drives) < MIN_DRIVES_FOR_SCATTER else None
         correction = interval_correction(
             problem,
             optimum,

@@ -6,7 +6,7 @@ from scipy.special import ndtri
 
 from parameter_identification.estimation.interval_correction import (
     AGREEING,
-    SCATTER,
+    MIN_DRIVES_FOR_SCATTER,
     beyond_ranges,
     corrected,
     heterogeneity_factors,
@@ -26,7 +26,9 @@ def test_deviations_of_a_mean_are_those_of_its_samples():
     assert scatter_factors(covariance, slopes, np.zeros((1, 1)), 0.95)[0] == pytest.approx(
         5.0, rel=0.05
     )
-    ratio, factors = scatter_factors(covariance, slopes[: SCATTER - 1], np.zeros((1, 1)), 0.95)
+    ratio, factors = scatter_factors(
+        covariance, slopes[: MIN_DRIVES_FOR_SCATTER - 1], np.zeros((1, 1)), 0.95
+    )
     assert np.isnan(ratio).all()
     assert factors.tolist() == [1.0]
 

@@ -20,7 +20,7 @@ from excitation_planner.design.noise import STANDSTILL
 from parameter_identification.drives.poses import PlanarTrajectory
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames
-from parameter_identification.drives.samples import Samples, common_times
+from parameter_identification.drives.samples import MAX_GAP, Samples, common_times
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
 from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.quantities import FloatArray
@@ -28,8 +28,7 @@ from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
-FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
-LONGEST_GAP = 0.2  # s between samples of an input that is measured throughout
+MIN_SAMPLES = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
 LATEST_SPEED = 1.5  # s from rest to its first speed: a sensor of pulses does not tell slow ones
 SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag
 
@@ -386,7 +385,7 @@ def usable(signals: Mapping[Sensor, Signal], vehicle: Vehicle) -> dict[Sensor, S
     found = {
         sensor: signal
         for sensor, signal in signals.items()
-        if sensor is Sensor.POSITION or len(signal.time) >= FEWEST
+        if sensor is Sensor.POSITION or len(signal.time) >= MIN_SAMPLES
     }
     wheels = found.get(Sensor.WHEEL_SPEEDS)
     driven = [wheel.name for wheel in vehicle.wheels if wheel.driven]
@@ -422,7 +421,7 @@ def _steering_angle(drive: RecordedDrive, end: float) -> Samples | None:
 def _throughout(time: FloatArray, begin: float, end: float) -> bool:
     """Whether there is no long gap between samples from a time to another one."""
     there = time[(time >= begin) & (time <= end)]
-    return bool(np.diff(there, prepend=begin, append=end).max() <= LONGEST_GAP)
+    return bool(np.diff(there, prepend=begin, append=end).max() <= MAX_GAP)
 
 
 def _samples(bag: Path, what: str, stamps: FloatArray, values: FloatArray) -> Samples:

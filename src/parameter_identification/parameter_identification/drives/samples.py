@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tricycle_core.quantities import FloatArray
 
 CLOCK_STEP = 1e-6  # s; times since 1970 are rounded to a quarter of it
+MAX_GAP = 0.2  # s between poses, or samples of an input, that are interpolated between
 GAP = 2.5  # periods between samples beyond which nothing is known between them
 
 

@@ -32,6 +32,7 @@ from parameter_identification.drives.measured import (
     usable,
 )
 from parameter_identification.drives.motion import SLOWEST, Motion, motion_of
+from parameter_identification.drives.samples import MAX_GAP
 from parameter_identification.drives.smoothing import LEAST, smooth
 from parameter_identification.drives.table import (
     Columns,
@@ -53,8 +54,7 @@ from tricycle_sim.vehicle.wheels import AXLES
 APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it is steered alike
 RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
 SETTLED = 6.0  # integral times of a speed loop before it, where the set-points are recorded
-MAX_GAP = 0.2  # s between poses, or steering angles and set-points ...
-SPARSE = 2.5  # ... or so many of their periods, if that is longer
+SPARSE = 2.5  # periods of steering angles and set-points, that may be beyond the longest gap
 STEERING_LATE = 0.08  # s by which the steering may be logged after it was there
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped

@@ -10,7 +10,7 @@ import numpy as np
 from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
-    FEWEST,
+    MIN_SAMPLES,
     MeasuredDrive,
     Sensor,
     Signal,
@@ -233,7 +233,7 @@ def _expected_and_measured(
     for sensor, (row,) in zip(LEAST, seen, strict=True):
         if sensor in drive.signals:
             signal = drive.signals[sensor].between(0.0, float(motion.time[-1]))
-            if len(signal.time) >= FEWEST:
+            if len(signal.time) >= MIN_SAMPLES:
                 expected = np.interp(signal.time, motion.time, row)
                 yield sensor, np.stack([expected, signal.values[:, 0]])
 

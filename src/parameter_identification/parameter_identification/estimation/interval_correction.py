@@ -17,7 +17,7 @@ from parameter_identification.estimation.problem import LeastSquares, at_bounds
 from parameter_identification.estimation.quadratic import Quadratic
 from tricycle_core.quantities import FloatArray
 
-SCATTER = 10  # drives from which their scatter is an estimate
+MIN_DRIVES_FOR_SCATTER = 10  # drives from which their scatter is an estimate
 CONTRADICTING = 2.0  # times their noise by which drives scatter that contradict each other
 AGREEING = 0.01  # chance of a scatter of fewer drives from which it is taken for noise
 PULL = 3.0  # standard deviations by which data may pull a parameter beyond the end of its range
@@ -64,7 +64,7 @@ def scatter_factors(
         Probability of the intervals.
     """
     count = len(slopes)
-    if count < SCATTER:
+    if count < MIN_DRIVES_FOR_SCATTER:
         return np.full(len(covariance), math.nan), np.ones(len(covariance))
     # their mean is not 0 where a parameter is held at an end of its range
     slopes = slopes - slopes.mean(axis=0)
@@ -352,7 +352,7 @@ def interval_correction(
     here = problem.quadratic(at)
     by_noise = here.covariance()
     scatter, factors = np.array([math.nan]), np.ones(problem.n)
-    if len(problem.models) >= SCATTER:
+    if len(problem.models) >= MIN_DRIVES_FOR_SCATTER:
         growth, factors = scatter_factors(
             by_noise, problem.slopes(at), problem.common_information(), level
         )

@@ -17,7 +17,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 
-FEWEST = 4
+MIN_VEHICLES = 4
 """Vehicles from which there is a population: with a uniform prior of τ, 3 are the least."""
 
 FALSE_ALARMS = 0.01
@@ -121,11 +121,11 @@ def population(
     Raises
     ------
     IdentificationError
-        If there are fewer than `FEWEST` vehicles, or a deviation is not positive.
+        If there are fewer than `MIN_VEHICLES` vehicles, or a deviation is not positive.
     """
     count = len(vehicles)
-    if count < FEWEST:
-        raise IdentificationError(f"{count} vehicles are no population: {FEWEST} are needed")
+    if count < MIN_VEHICLES:
+        raise IdentificationError(f"{count} vehicles are no population: {MIN_VEHICLES} are needed")
     if not (np.all(np.isfinite(estimates)) and np.all(deviations > 0.0)):
         raise IdentificationError("population: needs finite estimates and positive deviations")
     columns = np.ones((count, 1))
@@ -229,7 +229,7 @@ def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
     """
     count = len(given.estimates)
     away, odd = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    for taken in range(min(_MOST_ODD, count // 4, count - FEWEST)):
+    for taken in range(min(_MOST_ODD, count // 4, count - MIN_VEHICLES)):
         distances = np.where(away, 0.0, _from_others(given, away))
         farthest = int(np.argmax(np.abs(distances)))
         away[farthest] = True

@@ -19,6 +19,7 @@ from excitation_planner.trajectory_error import POINTS, trajectory_error
 from parameter_identification.drives.poses import Datum, PlanarTrajectory
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames
+from parameter_identification.drives.samples import MAX_GAP
 from parameter_identification.judging.spline import CubicSpline
 from tricycle_core.errors import JudgeError
 from tricycle_core.quantities import FloatArray
@@ -29,7 +30,6 @@ __all__ = [
 ]  # fmt: skip
 
 
-MAX_GAP = 0.2  # s between poses; points of Eq. 14 within a longer gap are not matched
 ANCHORED = 1.0  # s before the start event that give the anchor
 MIN_ANCHORED = 0.3  # s of them that must be recorded
 MAX_CREEP = 0.05  # m/s of a vehicle that stands

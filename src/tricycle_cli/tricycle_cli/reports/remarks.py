@@ -162,11 +162,14 @@ def _least_white(found: Identification) -> str:
 
 def _contradictions(found: Identification | ManyDrives, drives: str) -> list[str]:
     """A line where drives disagree."""
-    from parameter_identification.estimation.interval_correction import CONTRADICTING, SCATTER
+    from parameter_identification.estimation.interval_correction import (
+        CONTRADICTING,
+        MIN_DRIVES_FOR_SCATTER,
+    )
 
     if not found.scatter > CONTRADICTING:
         return []
-    alike = "and as much again for" if len(found.drives) < SCATTER else "not"
+    alike = "and as much again for" if len(found.drives) < MIN_DRIVES_FOR_SCATTER else "not"
     return [
         f"the {drives} contradict each other: they scatter up to {found.scatter:.1f} times as "
         f"much as their noise. The intervals count the scatter, {alike} what errs alike in all"
