@@ -49,8 +49,8 @@ class Fleet:
         Result for each vehicle, by name; shared parameters are those of all.
     populations : mapping of str to Population
         By parameter, of the vehicles whose drives show it; a parameter that fewer than
-        `estimation.population.MIN_VEHICLES` vehicles show has none. Of one that changes, at the time
-        `when`.
+        `estimation.population.MIN_VEHICLES` vehicles show has none. Of one that changes, at the
+        time `when`.
     changes : mapping of str to Population
         By parameter, of its rate per day.
     shared : mapping of str to Estimate
@@ -156,8 +156,8 @@ def identify_fleet(
     Raises
     ------
     IdentificationError
-        If there are fewer than `MIN_VEHICLES` vehicles, a bag cannot be used, or a parameter is not one,
-        or is named twice, or the times of the drives show no change.
+        If there are fewer than `MIN_VEHICLES` vehicles, a bag cannot be used, or a parameter is not
+        one, or is named twice, or the times of the drives show no change.
     """
     check_level(level)
     _check_names(vehicle, shared, own, changing)
@@ -306,7 +306,8 @@ def _times(files: Mapping[str, Sequence[Path]], changing: Sequence[str]) -> tupl
     if changing and (math.isnan(when) or len(apart) < MIN_VEHICLES):
         raise IdentificationError(
             f"{', '.join(changing)}: needs drives at different times, by {APART / 60.0:.0f} min or "
-            f"more, of at least {MIN_VEHICLES} vehicles; so are those of: {', '.join(apart) or 'none'}"
+            f"more, of at least {MIN_VEHICLES} vehicles; so are those of: "
+            f"{', '.join(apart) or 'none'}"
         )
     return when, float(np.abs(every - when).max())
 
