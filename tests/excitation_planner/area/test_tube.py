@@ -67,7 +67,7 @@ def test_stops_between_the_times_that_are_looked_at_end_inside(name) -> None:
     low, high = (np.array(end) for end in (family.operation.low, family.operation.high))
     commands = nominal_run(vehicle, family, 0.5 * (low + high)).commands
     footprint = footprint_of(vehicle)
-    drawn = tubes._vehicles(vehicle, 0)
+    drawn = tubes._vehicles(vehicle)
     run = CommandedBatch(vehicle, commands).run(
         drawn, ("x", "y", "yaw", "vx", "vy", "yaw_rate"), every=2
     )

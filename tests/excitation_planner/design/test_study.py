@@ -214,7 +214,7 @@ def test_a_point_or_sample_that_is_no_whole_number_is_refused(tmp_path, wrong):
     study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
     study.ask()
     for point, sample in ((wrong, 0), (0, wrong)):
-        with pytest.raises(DesignError, match="a whole number is needed"):
+        with pytest.raises(DesignError, match="needs a whole number"):
             study.tell(point, [sample], np.zeros(1))
     study.tell(np.int64(0), np.array([0]), np.zeros(1))
     assert 0 not in Study.open(tmp_path).ask()[0].samples

@@ -48,7 +48,7 @@ def test_a_plan_is_made_in_the_search_box_that_is_given_and_shown(capsys, tmp_pa
     command += ["--range", "radius=3:12", "--ranges", str(tmp_path / "yard.yaml")]
     assert main([*command, "--output", str(tmp_path)]) == 0
     output = capsys.readouterr().out
-    assert "search box: radius=3:12 speed=0.5:0.8, speed at the end of its range" in output
+    assert "allowed: radius=3:12 speed=0.5:0.8, speed at the end of its range" in output
     assert "position ± 10 mm and heading ± 2 mrad at 100 Hz, gyro ± 5 mrad/s at 100 Hz" in output
 
 
