@@ -94,6 +94,13 @@ def test_what_is_hidden_is_what_is_not_identifiable(problem, optimum):
     assert all(0.5 <= combination.remaining <= 1.0 for combination in hidden)
 
 
+def test_what_is_pulled_beyond_its_range_is_not_identifiable_however_narrow_a_prior_was():
+    z, beyond = np.full(len(NAMES), 0.5), np.arange(len(NAMES)) == 0
+    found = estimates_of(VEHICLE, z, np.full(len(NAMES), 0.01), 0.95, beyond=beyond)
+    assert [e.identifiable for e in found.values()] == (~beyond).tolist()
+    assert (found[NAMES[0]].low, found[NAMES[0]].high) == found[NAMES[0]].range
+
+
 def test_nothing_is_identifiable_where_other_parameters_fit_as_well(problem, optimum):
     ambiguous = dataclasses.replace(optimum, rivals=(np.full(problem.k, 0.5),))
     for estimate in estimates_at(problem, ambiguous).values():

@@ -51,7 +51,8 @@ def estimates_of(
     level : float
         Probability of the intervals.
     beyond : ndarray of bool, shape (k,)
-        Parameters that the data pull beyond their ranges: their intervals are the ranges.
+        Parameters that the data pull beyond their ranges: their intervals are the ranges, and none
+        is identifiable.
     widening : ndarray of float, shape (k,), optional
         Factors on the intervals of the average. Default: 1.
     average : Mixture, optional
@@ -65,7 +66,7 @@ def estimates_of(
     """
     names = tuple(vehicle.unknown) if names is None else names
     widening = np.ones(len(names)) if widening is None else widening
-    shown = identifiable(std) & (not rivals)
+    shown = identifiable(std) & ~beyond & (not rivals)
     found = {}
     for i, name in enumerate(names):
         limits = vehicle.unknown[name]
