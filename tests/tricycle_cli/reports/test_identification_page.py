@@ -108,7 +108,7 @@ def test_without_profiles_there_is_no_figure_of_them(found):
 def test_remarks_say_what_a_reader_must_know(found):
     lines = remarks(found)
     for text in (
-        "yaw_inertia (1σ is 97% of the prior",
+        "yaw_inertia (1σ is 97% of the range",
         "1 other set(s)",
         "3 samples",
         "second, not",
