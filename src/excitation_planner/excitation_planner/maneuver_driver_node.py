@@ -38,8 +38,8 @@ from tricycle_core.frames import MANEUVER
 from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.joints import JOINTS, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
-from tricycle_core.namesakes import full_name, namesakes
-from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
+from tricycle_core.namesakes import namesakes
+from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, publisher_names, run_node
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
 from tricycle_core.readiness import Readiness
@@ -343,8 +343,7 @@ class ManeuverDriver(Node):
 
     def _commanding(self) -> list[str]:
         """Names of all publishers of commands, the own one among them."""
-        ends = self.get_publishers_info_by_topic(self.resolve_topic_name("joint_commands"))
-        return [full_name(end.node_namespace, end.node_name) for end in ends]
+        return publisher_names(self, "joint_commands")
 
     def _clock_check(self) -> Check:
         return clock(time.monotonic() - self._ticked)

@@ -63,8 +63,15 @@ from tricycle_bridge.serial_port import IDLE_PERIOD, SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
-from tricycle_core.namesakes import full_name
-from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node, time_message
+from tricycle_core.nodes import (
+    LATCHED,
+    RECORDED,
+    declare,
+    overridable,
+    publisher_names,
+    run_node,
+    time_message,
+)
 from tricycle_core.readiness import ARMED_TOPIC, PERIOD, TOPIC, Readiness
 from tricycle_core.stamps import seconds_of, split_seconds
 
@@ -433,13 +440,7 @@ class BridgeNode(LifecycleNode):
 
     def _report(self, bridge: Bridge, now: float) -> None:
         stamp = time_message(self._ros_time(now))
-        publishers = {
-            source: [
-                full_name(end.node_namespace, end.node_name)
-                for end in self.get_publishers_info_by_topic(self.resolve_topic_name(source.value))
-            ]
-            for source in Source
-        }
+        publishers = {source: publisher_names(self, source.value) for source in Source}
         array = DiagnosticArray()
         array.header.stamp = stamp
         for diagnosis in diagnose(bridge, now, publishers):

@@ -39,6 +39,7 @@ from rosgraph_msgs.msg import Clock
 
 from tricycle_core import __version__
 from tricycle_core.errors import did_you_mean, message_of
+from tricycle_core.namesakes import full_name
 from tricycle_core.stamps import split_seconds
 from tricycle_core.start import ending_signals
 
@@ -119,6 +120,20 @@ def overridable(qos: QoSProfile | int) -> dict[str, Any]:
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else copy.copy(qos)
     options = QoSOverridingOptions.with_default_policies()
     return {"qos_profile": profile, "qos_overriding_options": options}
+
+
+def publisher_names(node: Node, topic: str) -> list[str]:
+    """Return the full names of the nodes that publish on a topic, one for each publisher.
+
+    Parameters
+    ----------
+    node : Node
+        Node that asks; its namespace and remappings count.
+    topic : str
+        Name of the topic.
+    """
+    ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    return [full_name(end.node_namespace, end.node_name) for end in ends]
 
 
 def declare(
