@@ -194,6 +194,42 @@ def test_the_map_is_estimated_where_the_vehicle_turns_slowly(
     assert found.offset == pytest.approx(OFFSET, abs=0.01)
 
 
+@pytest.mark.parametrize("ripple", [0.0, 1e-10, 0.002])
+def test_a_map_is_not_estimated_from_turns_of_one_command(
+    tmp_path: Path, columns: Columns, ripple: float
+) -> None:
+    recording = read_recording(table(tmp_path / "drive.csv"), columns)
+    time, radius = recording.time, 4.0
+    command = 0.5 + ripple * np.sin(5.0 * time)
+    command *= np.clip(2.0 * time - 2.0, 0.0, 1.0) if ripple == 0.002 else 1.0  # it turns in once
+    course = 1.2 * time / radius
+    noise = 0.002 * np.random.default_rng(1).standard_normal((2, len(time)))
+    circle = dataclasses.replace(
+        recording,
+        x=radius * np.sin(course) + noise[0],
+        y=-radius * np.cos(course) + noise[1],
+        yaw=None,
+        steering=Samples(time, command),
+    )
+    with pytest.raises(IdentificationError, match="always the same|do not show the gain.*± .*give"):
+        estimate_map(circle, VEHICLE)
+
+
+def test_x_and_y_of_different_units_are_told_without_a_yaw(
+    tmp_path: Path, columns: Columns
+) -> None:
+    recording = read_recording(table(tmp_path / "drive.csv"), columns)
+    squashed = dataclasses.replace(
+        recording,
+        x=1e-3 * recording.x,
+        yaw=None,
+        steering=Samples(recording.time, np.full(len(recording.time), 2.0)),
+    )
+    assert not isinstance(columns.steering_map, str)
+    with pytest.raises(IdentificationError, match="do x and y have the same unit"):
+        select_windows(squashed, VEHICLE, columns.steering_map)
+
+
 @pytest.mark.slow
 def test_parameters_are_found_where_the_map_is_estimated_with_other_tyres(tmp_path: Path) -> None:
     columns = load_columns(mapping(tmp_path / "m.yaml", "steering_map: estimate\n"))

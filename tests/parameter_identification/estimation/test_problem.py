@@ -140,6 +140,20 @@ def test_a_drive_left_out_leaves_what_the_others_find_alone(problem, optimum):
         assert own_cost.information.shape == (problem.k + len(own),) * 2
 
 
+def test_a_drive_that_tells_far_more_than_the_others_is_left_out_as_any(
+    problem, optimum, monkeypatch
+):
+    v, free = optimum.fit.at, np.ones(problem.n, dtype=bool)
+    usual, covariance, _ = next(problem.by_the_others(v, free))
+    grams = problem._grams
+    monkeypatch.setattr(
+        problem, "_grams", lambda *given: [g * f for g, f in zip(grams(*given), (1e25, 1.0))]
+    )
+    without, expected, _ = next(problem.by_the_others(v, free))
+    np.testing.assert_allclose(without, usual, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(expected, covariance, rtol=1e-6, atol=1e-9)
+
+
 def test_estimates_predict_better_than_nominal_values(problem, optimum, pair):
     predictions = problem.predictions(optimum.fit.at)
     for fit in fits_of_drives(problem, optimum, predictions):

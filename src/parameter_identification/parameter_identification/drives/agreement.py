@@ -70,6 +70,15 @@ def check_agreement(
             f"{recording.name}: steering {problem} what the turns of the poses need: positive is "
             "to the left; mend its unit in the mapping, or the gain of steering_map"
         )
+    if np.count_nonzero(ahead) < ENOUGH:
+        return
+    steered, needed = (float(np.sqrt(np.mean(angles**2))) for angles in (given, expected))
+    if steered > STEERING_FACTOR * LEAST_STEERING and needed < LEAST_STEERING:
+        raise IdentificationError(
+            f"{recording.name}: steering is {steered:.2g} rad (rms), but the poses drive straight "
+            f"on ({needed:.1g} rad): do x and y have the same unit? Mend theirs in the mapping, "
+            "the unit of the steering, or the gain of steering_map"
+        )
 
 
 def _check_way(name: str, motion: Motion, *, headed: bool) -> None:

@@ -59,6 +59,8 @@ STEERING_LATE = 0.08  # s by which the steering may be logged after it was there
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
+PART, PARTS = 2.0, 4  # s of turns whose errors are alike, and the fewest parts of a recording
+UNCERTAIN = 0.1  # of the gain of a steering map, by which parts of the turns may change it
 FAR_OFF = 0.5  # of the usual speed, by which set-points may differ from it
 MEASURED = {
     "yaw_rate": Sensor.YAW_RATE,
@@ -135,7 +137,7 @@ def estimate_map(recording: Recording, vehicle: Vehicle) -> EstimatedMap:
     Raises
     ------
     IdentificationError
-        If the recording has too few such turns, or the command does not vary.
+        If the recording has too few such turns, or the command hardly varies in them.
     """
     motion = motion_of(recording)
     slow = _quiet(recording, motion)
@@ -150,7 +152,34 @@ def estimate_map(recording: Recording, vehicle: Vehicle) -> EstimatedMap:
         gain, offset = np.polyfit(command, angle, 1, w=weights)
         error = np.abs(angle - gain * command - offset)
         weights = 1.0 / np.sqrt(np.maximum(error, np.median(error)) + 1e-9)
+    std = _std_of_gain(command, angle, weights)
+    if not std < UNCERTAIN * abs(gain):
+        low, high = np.quantile(command, (0.25, 0.75))
+        raise IdentificationError(
+            f"{recording.name}: steering_map: the turns do not show the gain, which would be "
+            f"{gain:.2g} ± {std:.2g}: the command hardly varies (half of the time it is "
+            f"from {low:.3g} to {high:.3g}): give gain and offset, or record turns to both sides"
+        )
     return EstimatedMap(gain=float(gain), offset=float(offset))
+
+
+def _std_of_gain(command: FloatArray, angle: FloatArray, weights: FloatArray) -> float:
+    """Standard deviation of the slope of a line, by how it changes without parts of the samples.
+
+    Errors of samples that follow each other are alike: their scatter tells less than the parts do.
+    """
+    parts = max(PARTS, round(len(command) * TICK / PART))
+    part = np.arange(len(command)) * parts // len(command)
+    c, a = command - command.mean(), angle - angle.mean()
+    moments = np.array(
+        [np.bincount(part, weights**2 * of) for of in (np.ones_like(c), c, a, c * c, c * a)]
+    )
+    one, c1, a1, cc, ca = moments.sum(axis=1, keepdims=True) - moments  # without each part
+    spread = one * cc - c1**2
+    if not np.all(spread > 0.0):
+        return math.inf
+    gains = (one * ca - c1 * a1) / spread
+    return math.sqrt((parts - 1.0) * float(np.var(gains)))
 
 
 def steering_of(recording: Recording, vehicle: Vehicle, columns: Columns) -> SteeringMap:

@@ -291,11 +291,16 @@ class LeastSquares(Closing):
         grams, prior = list(self._grams(self.predictions(v), self.noise)), self._prior_gram(v)
         whole = sum(grams, prior)
         kept = np.flatnonzero(free)
-        for gram, at in zip(grams, self._places, strict=True):
+        common = np.ix_([*range(self.shared), self.n], [*range(self.shared), self.n])
+        of_common = np.array([gram[common] for gram in grams])
+        for drive, (gram, at) in enumerate(zip(grams, self._places, strict=True)):
+            own = at[self.shared :]
+            # summed without this drive: a difference loses the prior where the drive tells far more
             rest = whole - gram
+            rest[common] = prior[common] + np.delete(of_common, drive, axis=0).sum(axis=0)
+            rest[own], rest[:, own] = prior[own], prior[:, own]
             covariance = np.zeros((self.n, self.n))
             covariance[np.ix_(kept, kept)] = np.linalg.inv(rest[np.ix_(kept, kept)])
-            own = at[self.shared :]
             of_own = np.append(own, self.n)
             gram[np.ix_(own, of_own)] += prior[np.ix_(own, of_own)]
             gram[-1, own] = gram[own, -1]
