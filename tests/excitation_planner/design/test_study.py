@@ -192,6 +192,44 @@ def test_a_wrong_csv_changes_nothing(tmp_path, text, message):
     assert not (tmp_path / "study" / "results.csv").exists()
 
 
+@pytest.mark.parametrize("changed", [*OPERATION, *UNKNOWN])
+@pytest.mark.parametrize("output", ["1", "failed", "infeasible: too fast", ""])
+def test_outputs_of_other_parameters_are_refused(tmp_path, changed, output):
+    study = Study.create(tmp_path / "study", OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    study.ask()
+    with (tmp_path / "study" / "pending.csv").open(newline="") as file:
+        row = next(csv.DictReader(file))
+    asked = row[changed]
+
+    def tell(value):
+        text = (
+            ",".join([*row, "output"])
+            + "\n"
+            + ",".join([*(row | {changed: value}).values(), output])
+        )
+        (tmp_path / "told.csv").write_text(text)
+        study.tell_csv(tmp_path / "told.csv")
+
+    for wrong in (repr(1.01 * float(asked) + 0.02), "nan", "x"):
+        if output:
+            with pytest.raises(
+                DesignError, match=rf"told.csv, line 2: {changed} {wrong}, asked was {asked}"
+            ):
+                tell(wrong)
+    assert not (tmp_path / "study" / "results.csv").exists()
+    tell(f"{float(asked):.6g}")  # rounded by a program
+    tell("")
+    assert (tmp_path / "study" / "results.csv").exists() == bool(output)
+
+
+def test_a_folder_of_outputs_and_parts_that_are_none_are_told(tmp_path):
+    study = Study.create(tmp_path / "study", OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    with pytest.raises(DesignError, match=r"is a folder; a CSV file is needed$"):
+        study.tell_csv(tmp_path)
+    with pytest.raises(DesignError, match=r"^0 parts: needs 1 or more$"):
+        study.pending(0, 0)
+
+
 def test_what_is_known_of_a_point_is_not_contradicted(tmp_path):
     study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
     first, second = study.ask()[:2]
@@ -338,7 +376,7 @@ def test_parts_of_what_is_pending(tmp_path):
         for sample, row in zip(p.samples, p.P, strict=True)
         if p is not told or sample < 3
     )
-    for part, parts in ((5, 5), (-1, 5), (0, 0)):
+    for part, parts in ((5, 5), (-1, 5)):
         with pytest.raises(DesignError, match=f"part {part} of {parts}: parts are numbered"):
             study.pending(part, parts)
     study.tell_infeasible(asked[0].point, "a wall")

@@ -20,7 +20,7 @@ import csv
 import io
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -50,6 +50,7 @@ from tricycle_core.quantities import FloatArray
 
 PENDING = "pending.csv"
 """File of the simulations that were asked for last."""
+ROUNDED = 1e-5  # share of a parameter by which a told one may differ: programs write few digits
 
 
 @dataclass(frozen=True)
@@ -213,6 +214,8 @@ class Study:
         DesignError
             If there is no such part, or the file of what is missing is damaged.
         """
+        if parts < 1:
+            raise DesignError(f"{parts} parts: needs 1 or more")
         if not 0 <= part < parts:
             raise DesignError(f"part {part} of {parts}: parts are numbered from 0 to {parts - 1}")
         runs: list[tuple[int, int]] = []
@@ -282,13 +285,29 @@ class Study:
     def tell_csv(self, path: Path) -> None:
         """Take the outputs in a CSV file with the columns point, sample and output.
 
-        An output is a number, ``failed``, ``infeasible: reason``, or empty (not run yet). All rows
+        An output is a number, ``failed``, ``infeasible: reason``, or empty (not run yet). Columns
+        of parameters, as in ``pending.csv``, may be left out; they must be what was asked. All rows
         are checked before any is taken.
+
+        Parameters
+        ----------
+        path : Path
+            File of outputs.
+
+        Raises
+        ------
+        DesignError
+            If the file is none, or an output was not asked for, is known otherwise or of other
+            parameters.
+        OSError
+            If the file cannot be read.
         """
         results: list[tuple[int, int, float]] = []
         reasons: dict[int, str] = {}
         try:
             text = read_study_file(path).decode("utf-8-sig")
+            self._store.refresh()
+            asked = _Asked(self._store)
             reader = csv.DictReader(io.StringIO(text, newline=""))
             needed, columns = ("output", "point", "sample"), list(reader.fieldnames or ())
             if missing := [name for name in needed if name not in columns]:
@@ -321,11 +340,18 @@ class Study:
                         f"{path}, line {reader.line_num}: output {output}: must be finite, or "
                         f"{FAILED!r}"
                     )
+                if output and (other := asked.other(int(row["point"]), row)):
+                    raise DesignError(
+                        f"{path}, line {reader.line_num}: {other}: are the outputs of another "
+                        "study, or of other parameters than it asked for?"
+                    )
                 if known != reason:
                     raise DesignError(
                         f"{path}, line {reader.line_num}: point {row['point']} is infeasible "
                         f"already: {known}"
                     )
+        except IsADirectoryError as error:
+            raise DesignError(f"{path}: is a folder; a CSV file is needed") from error
         except (UnicodeDecodeError, csv.Error) as error:
             raise DesignError(f"{path}: is not a CSV file: {error}") from error
         self._store.add(results, reasons)
@@ -383,6 +409,48 @@ class Study:
             return ""
         except UnicodeDecodeError as error:
             raise DesignError(f"{file}: is damaged; ask again") from error
+
+
+class _Asked:
+    """Parameters that a study asked for, for comparison with those that are told.
+
+    Parameters
+    ----------
+    store : Store
+        Store of the study.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._points: dict[int, tuple[FloatArray, bool]] = {}
+        self._values: dict[bool, FloatArray] = {}
+
+    def other(self, point: int, row: Mapping[str, str | None]) -> str:
+        """Return in words which parameter of a row differs from what was asked; else "".
+
+        Samples that were never asked for are left to the store, which refuses them.
+        """
+        problem = self._store.problem
+        names = _header(problem.operation, problem.unknown, problem.beside)[2:]
+        told = {name: text for name in names if (text := (row.get(name) or "").strip())}
+        if not told:
+            return ""
+        if point not in self._points:
+            self._points[point] = self._store.asked(point)
+        x, verification = self._points[point]
+        if verification not in self._values:
+            U = parameter_points(problem, verification=verification)
+            self._values[verification] = simulated_values(problem.unknown, U)
+        P, sample = self._values[verification], (row["sample"] or "").strip()
+        of_sample = P[int(sample)].tolist() if sample.isdecimal() and int(sample) < len(P) else []
+        for name, value in zip(names, [*x.tolist(), *of_sample], strict=False):
+            try:
+                same = name not in told or math.isclose(float(told[name]), value, rel_tol=ROUNDED)
+            except ValueError:
+                same = False
+            if not same:
+                return f"{name} {told[name]}, asked was {value!r}"
+        return ""
 
 
 class PendingError(DesignError):
