@@ -211,7 +211,7 @@ def test_a_map_is_not_estimated_from_turns_of_one_command(
         yaw=None,
         steering=Samples(time, command),
     )
-    with pytest.raises(IdentificationError, match="always the same|do not show the gain.*± .*give"):
+    with pytest.raises(IdentificationError, match=r"always the same|not show the gain.* ± .*give"):
         estimate_map(circle, VEHICLE)
 
 

@@ -146,9 +146,12 @@ def test_a_drive_that_tells_far_more_than_the_others_is_left_out_as_any(
     v, free = optimum.fit.at, np.ones(problem.n, dtype=bool)
     usual, covariance, _ = next(problem.by_the_others(v, free))
     grams = problem._grams
-    monkeypatch.setattr(
-        problem, "_grams", lambda *given: [g * f for g, f in zip(grams(*given), (1e25, 1.0))]
-    )
+
+    def magnified(*given):
+        first, *others = grams(*given)
+        return [1e25 * first, *others]
+
+    monkeypatch.setattr(problem, "_grams", magnified)
     without, expected, _ = next(problem.by_the_others(v, free))
     np.testing.assert_allclose(without, usual, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(expected, covariance, rtol=1e-6, atol=1e-9)

@@ -56,6 +56,28 @@ def test_several_bags_become_one_by_their_stamps(tmp_path: Path) -> None:
         assert reader.span == (0, 5 * S)
 
 
+@pytest.mark.parametrize("again", ["first", "./first", "link", "first/first_0.mcap"])
+def test_a_bag_given_twice_is_refused(
+    tmp_path: Path, again: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("first"), range(3), odom=STRING)
+    write(Path("second"), range(3), odom=STRING)
+    Path("link").symlink_to("first")
+    with pytest.raises(BagError, match=rf"^{Path(again)}: is given twice"):
+        convert([Path("first"), Path("second"), Path(again)], tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_no_bag_is_written_into_one_that_is_read(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", range(3), odom=STRING)
+    before = sorted(bag.iterdir())
+    for writes in (lambda output: convert([bag], output), lambda output: recover(bag, output)):
+        with pytest.raises(BagError, match=r"inside: is within the bag .*bag; name a folder"):
+            writes(bag / "inside")
+    assert sorted(bag.iterdir()) == before
+
+
 def test_messages_and_definitions_keep_their_encodings(tmp_path: Path) -> None:
     with (tmp_path / "foreign.mcap").open("wb") as stream:
         writer = Writer(stream)

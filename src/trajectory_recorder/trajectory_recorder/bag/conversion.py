@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+from trajectory_recorder.bag.location import check_apart, is_remote
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic
@@ -56,10 +57,14 @@ def convert(
     Raises
     ------
     BagError
-        If a bag cannot be read, the output exists, or nothing is left to write.
+        If a bag cannot be read or is given twice, the output exists or is in one of them, or
+        nothing is left to write.
     """
     with ExitStack() as stack:
         readers = [stack.enter_context(BagReader(bag)) for bag in bags]
+        _check_given_once(readers)
+        for bag in bags:
+            check_apart(output, bag)
         found: dict[str, Topic] = {}
         for reader in readers:
             for name, topic in reader.topics.items():
@@ -100,6 +105,17 @@ def convert(
         if not writer.messages:
             raise BagError("no message is left to write: none of the topics has one in that time")
         return writer.messages
+
+
+def _check_given_once(readers: Sequence[BagReader]) -> None:
+    """Refuse a bag that comes twice, by whatever path: its messages would be doubled."""
+    given: dict[Path, Path] = {}
+    for reader in readers:
+        files = [file if is_remote(file) else file.resolve() for file in reader.files]
+        if before := next((given[file] for file in files if file in given), None):
+            also = "" if before == reader.path else f", also as {before}"
+            raise BagError(f"{reader.path}: is given twice{also}; name each bag once")
+        given |= dict.fromkeys(files, reader.path)
 
 
 def _metadata(readers: Sequence[BagReader]) -> dict[str, str]:

@@ -129,6 +129,25 @@ def is_remote(path: Path) -> bool:
     return not isinstance(path, Path)
 
 
+def check_apart(output: Path, bag: Path) -> None:
+    """Refuse to write a new bag into the folder of one that is read.
+
+    Parameters
+    ----------
+    output : Path
+        Folder to create.
+    bag : Path
+        Location from `bag_path` of a bag to read.
+
+    Raises
+    ------
+    BagError
+        If the folder would be within the bag.
+    """
+    if not is_remote(bag) and bag.resolve() in output.resolve().parents:
+        raise BagError(f"{output}: is within the bag {bag}; name a folder beside it")
+
+
 def _not_installed(text: str, error: BaseException) -> BagError:
     name = (getattr(error, "name", None) or "").partition(".")[0]
     return BagError(missing(name, f"{text}:") if name in EXTRAS else f"{text}: {error}")

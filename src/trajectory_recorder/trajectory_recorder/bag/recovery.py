@@ -5,6 +5,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
+from trajectory_recorder.bag.location import check_apart
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.writer import BagWriter, whole_or_none
@@ -48,10 +49,11 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
     Raises
     ------
     BagError
-        If nothing can be read, or the output exists.
+        If nothing can be read, or the output exists or is in that bag.
     """
     damage: list[BagError] = []
     with ExitStack() as stack:
+        check_apart(output, bag)
         reader = stack.enter_context(BagReader(bag, damaged=damage.append))
         messages = reader.messages()
         first = next(messages, None)

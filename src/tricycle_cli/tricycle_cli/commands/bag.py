@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number
+from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number, positive_number
 from tricycle_cli.console import plain_console
 from tricycle_cli.progress import progress_bar
 
@@ -58,12 +58,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--duration",
-        type=nonnegative_number,
+        type=positive_number,
         metavar="S",
         help="keep so many (default: to the end)",
     )
     add("--compression", choices=["zstd", "lz4", "none"], default="zstd", help="of chunks")
-    new_file = "begin a new file after (default: never)"
+    new_file = "begin a new file after (default: 0, never)"
     add("--split-size", type=nonnegative_number, default=0.0, metavar="MB", help=new_file)
     add("--split-duration", type=nonnegative_number, default=0.0, metavar="S", help=new_file)
     add("--json", action="store_true", help="print one JSON object")

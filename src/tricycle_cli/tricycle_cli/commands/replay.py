@@ -3,9 +3,13 @@
 import argparse
 import json
 import re
+import sys
+from collections.abc import Collection, Iterable
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number
+from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number, positive_number
+from tricycle_cli.commands.bag import NOT_WHOLE
 from tricycle_cli.operation.processes import run_in_foreground
+from tricycle_core.errors import BagError, hint
 
 EXAMPLE = """\
 examples:
@@ -42,8 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--duration",
-        type=nonnegative_number,
-        default=0.0,
+        type=positive_number,
         metavar="S",
         help="play so many recorded seconds (default: to the end)",
     )
@@ -73,11 +76,14 @@ def run(args: argparse.Namespace) -> int:
     """
     from trajectory_recorder.bag.reader import BagReader
 
-    with BagReader(args.bag):  # a bag that cannot be read is a mistake said at once
-        pass
+    with BagReader(args.bag) as bag:  # a bag that cannot be read is a mistake said at once
+        _check_remapped(args.remap, bag.topics)
+        if not bag.complete:
+            print(f"{args.bag}: {NOT_WHOLE}", file=sys.stderr)
     parameters: dict[str, object] = {
-        name: getattr(args, name) for name in ("rate", "start", "duration", "loop", "paused")
+        name: getattr(args, name) for name in ("rate", "start", "loop", "paused")
     }
+    parameters["duration"] = args.duration or 0.0  # to the end
     parameters["bag"] = str(args.bag)
     for name in ("topics", "exclude"):
         if topics := getattr(args, name):
@@ -86,6 +92,16 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"bag": str(args.bag), "status": status}))
     return status
+
+
+def _check_remapped(remappings: Iterable[str], topics: Collection[str]) -> None:
+    """Refuse other names for topics that the node does not publish."""
+    for remapping in remappings:
+        old = remapping.partition(":=")[0]
+        if old not in topics and old != "/clock" and not old.startswith("/bag_replayer/"):
+            raise BagError(
+                f"--remap {remapping}: no topic of the bag is {old}; {hint(old, topics)}"
+            )
 
 
 def _remapping(text: str) -> str:
