@@ -114,6 +114,8 @@ def _windows_of(
     remark = _used(recording, selection, windows)
     if isinstance(steering, EstimatedMap):
         remark += f"\n{recording.name}: {steering}; the effects of the steering are relative to it"
+    if columns.acceleration_x is not None:
+        remark += f"\n{recording.name}: acceleration_x is not used here, only by tricycle import"
     return table, [*selection.drives], remark
 
 

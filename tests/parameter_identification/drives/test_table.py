@@ -73,6 +73,16 @@ def test_wheel_speeds_in_m_s_become_rad_s_by_the_tyres_of_the_vehicle(tmp_path: 
         ("t,px,py,psi,cmd\n0,inf,0,0,0\n", "a.csv: row 1: px: needs a number, not 'inf'"),
         ("t,px,py,psi,cmd\n0,1_0,0,0,0\n", "a.csv: row 1: px: needs a number, not '1_0'"),
         (
+            "t,px,py,psi,cmd\n0,0,0,0,0\n1,1e300,0,0,0\n",
+            "a.csv: row 2: px: 1e+300 m cannot be measured (more than 1e+08 in SI units): mend the "
+            "table, or leave the cell empty",
+        ),
+        (
+            "t,px,py,psi,cmd\n0,0,0,0,-1e300\n1,1,0,0,0\n",
+            "a.csv: row 1: cmd: -1e+300 rad cannot be measured (more than 1e+08 in SI units): mend "
+            "the table, or leave the cell empty",
+        ),
+        (
             "t;px;py;psi;cmd\n0;0,1;0;0;0\n",
             "a.csv: row 1: px: needs a number, with a point for its decimals, not '0,1'",
         ),

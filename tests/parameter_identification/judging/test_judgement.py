@@ -122,6 +122,13 @@ def test_satellite_fixes_need_datum_and_a_fitted_anchor(tmp_path: Path) -> None:
     assert found.te == pytest.approx(j.te, rel=1e-3)
 
 
+def test_a_datum_is_refused_where_it_has_no_effect(tmp_path: Path) -> None:
+    bag = Scene().write(tmp_path / "bag")
+    message = r"/odom is nav_msgs/msg/Odometry: a datum is only for NavSatFix: leave it out"
+    with pytest.raises(JudgeError, match=message):
+        judge(bag, topics=TopicNames(datum=DATUM))
+
+
 def test_of_two_vehicles_the_one_whose_state_is_named_is_judged(tmp_path: Path) -> None:
     one, other = Scene(deviation=sideways(0.2)), Scene(deviation=sideways(0.4))
     both = Scene()

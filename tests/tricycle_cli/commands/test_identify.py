@@ -11,10 +11,12 @@ from parameter_identification import many_drives
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import Input, Sensor
 from parameter_identification.drives.simulated import SensorNoise
-from parameter_identification.drives.table import SteeringMap
+from parameter_identification.drives.table import Columns, SteeringMap
+from parameter_identification.drives.windows import Selection, Windows
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.identification_file import load_identification_file
 from parameter_identification.many_drives import ManyDrives
+from tricycle_cli.drives import _windows_of
 from tricycle_core.errors import ExcitationError, IdentificationError, VehicleError
 from tricycle_sim.vehicle import load_vehicle
 
@@ -56,11 +58,35 @@ def test_without_a_worker_nothing_is_read(tricycle, tmp_path, capsys):
         (["--window", "3"], "--window: only with --columns"),
         (["--leave-out"], "--leave-out: only with --drive-by-drive"),
         (["--workers", "2"], "--workers: only with --drive-by-drive"),
+        (["--hold-others"], "--hold-others: only with --parameters"),
     ],
 )
 def test_an_option_that_would_do_nothing_is_refused(tricycle, tmp_path, more, message):
     with pytest.raises(IdentificationError, match=message):
         tricycle("identify", tmp_path / "bag", *more)
+
+
+@pytest.mark.parametrize("option", ["--pose", "--joint-states", "--child-frame", "--datum"])
+def test_topics_are_refused_where_every_drive_is_a_table(tricycle, tmp_path, option):
+    (tmp_path / "m.yaml").write_text("time: t\nx: x\ny: y\nsteering: s\n")
+    (tmp_path / "a.csv").write_text("t,x,y,s\n")
+    line = "identify", tmp_path / "a.csv", "--columns", tmp_path / "m.yaml", option, "46,7"
+    with pytest.raises(ExcitationError, match=f"^{option}: only for bags; every drive is a table"):
+        tricycle(*line)
+    with pytest.raises(ExcitationError, match="has a header and no rows"):
+        tricycle(*line, "--held-out", tmp_path / "bag")
+
+
+def test_an_entry_for_import_only_is_said_to_be(tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,a\n" + "".join(f"{0.1 * k},{0.1 * k},0\n" for k in range(40)))
+    monkeypatch.setattr(
+        "parameter_identification.drives.windows.select_windows", lambda *_: Selection((), {})
+    )
+    for more, said in (({}, False), ({"acceleration_x": "a"}, True)):
+        columns = Columns(time="t", x="x", y="a", steering="a", **more)
+        _, _, remark = _windows_of(path, VEHICLE, columns, Windows())
+        assert ("acceleration_x is not used here, only by tricycle import" in remark) == said
 
 
 def test_a_table_is_told_by_its_ending(tricycle, tmp_path):

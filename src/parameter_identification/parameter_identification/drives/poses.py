@@ -86,7 +86,7 @@ class PoseCollector:
     Raises
     ------
     JudgeError
-        If messages of that type hold no pose, or the datum is missing.
+        If messages of that type hold no pose, or the datum is missing or of no use.
     """
 
     def __init__(
@@ -113,6 +113,11 @@ class PoseCollector:
         self._datum = datum
         if type_name.endswith("NavSatFix") and datum is None:
             raise JudgeError(f"{self._where} is NavSatFix: give the datum of the local coordinates")
+        if datum is not None and not type_name.endswith("NavSatFix"):
+            raise JudgeError(
+                f"{self._where} is {type_name}: a datum is only for NavSatFix: leave it out, or "
+                "name the topic of the satellites' fixes"
+            )
 
     def add(self, message: Any) -> None:
         """Take the poses of the next message."""

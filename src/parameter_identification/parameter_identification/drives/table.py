@@ -26,6 +26,7 @@ from tricycle_sim.vehicle import Vehicle
 
 MAX_BYTES = 256_000_000  # of a table, unpacked: an hour at 100 Hz has a fifth
 MAX_MAPPING = 100_000
+LARGEST = 1e8  # m, rad, ... that is read: maps count from 1e7 m away, and no sensor beyond
 UNTIMED = 0.5  # of the rows, that may lack their time
 G = 9.80665  # m/s^2, the unit
 
@@ -384,6 +385,14 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
         name: table[c.column] * units_of(name)[c.unit] / _radius(name, c, vehicle, str(path))
         for name, c in found.items()
     }
+    for name, values in si.items():
+        if name != "time" and (beyond := np.flatnonzero(np.abs(values) > LARGEST)).size:
+            row, unit = beyond[0], found[name].unit
+            value = table[found[name].column][row]
+            raise IdentificationError(
+                f"{path}: row {row + 1}: {found[name].column}: {value:g} {unit} cannot be measured "
+                f"(more than {LARGEST:g} in SI units): mend the table, or leave the cell empty"
+            )
     clock = si.pop("time")
     if (lacking := np.flatnonzero(np.isnan(clock))).size > UNTIMED * len(clock):
         raise IdentificationError(

@@ -21,6 +21,7 @@ from tricycle_cli.arguments import (
     effects_asked,
     parameter_names,
     positive_number,
+    refuse_given,
     topics_of,
 )
 from tricycle_cli.drives import is_table, read_drives
@@ -31,6 +32,17 @@ from tricycle_core.errors import IdentificationError
 from tricycle_core.optional import check_installed
 from tricycle_sim.vehicle import load_vehicle
 
+TOPIC_OPTIONS = (
+    "pose",
+    "reference",
+    "state",
+    "commands",
+    "imu",
+    "joint_states",
+    "child_frame",
+    "datum",
+)
+"""Options of `add_topic_options`, as they are in the parsed arguments."""
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
 
 EXAMPLE = """\
@@ -271,10 +283,11 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
 
 
 def _refuse_what_has_no_effect(args: argparse.Namespace) -> None:
-    """Refuse options of tables without a table, and those of many drives for a few."""
+    """Refuse options of tables without a table, of bags without a bag, of many drives for a few."""
     needed = {
         "--columns": (args.columns, ("window", "every", "above")),
         "--drive-by-drive": (args.drive_by_drive, ("workers", "leave_out")),
+        "--parameters": (args.parameters, ("hold_others",)),
     }
     for option, (given, depending) in needed.items():
         for name in depending:
@@ -283,3 +296,5 @@ def _refuse_what_has_no_effect(args: argparse.Namespace) -> None:
     needs_table = args.columns is not None and args.drive_by_drive is None
     if needs_table and not any(map(is_table, [*args.drives, *args.held_out])):
         raise IdentificationError("--columns: no drive is a table, which ends in .csv or .csv.gz")
+    if needs_table and all(map(is_table, [*args.drives, *args.held_out])):
+        refuse_given(args, TOPIC_OPTIONS, "only for bags; every drive is a table")
