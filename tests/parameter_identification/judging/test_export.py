@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from driven_bags import Scene, sideways
+from matplotlib.figure import Figure
 
 from parameter_identification.judging.export import ExportFormat, export, exported_files, plot
 from parameter_identification.judging.judgement import judge
@@ -38,6 +40,29 @@ def test_csv_and_figure(tmp_path: Path) -> None:
     dollars = replace(j, bag=tmp_path / "cost $x^{$")  # no formula
     plot([j, dollars], tmp_path / "figures" / "figure.png")
     assert (tmp_path / "figures" / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_no_curve_of_a_figure_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+
+    def keep(figure: Figure, file: Path, **_: Any) -> None:
+        file.write_bytes(b"")
+        figure.canvas.draw()
+        drawn.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    j = judge(Scene(noise=0.01).write(tmp_path / "bag"))
+    for drives in ([j], [j, j]):
+        plot(drives, tmp_path / "figure.png")
+        figure = drawn[-1]
+        for axes in figure.axes:
+            legend = axes.get_legend().get_window_extent()
+            assert not any(legend.overlaps(other.get_window_extent()) for other in figure.axes)
+            assert figure.bbox.x0 <= legend.x0 < legend.x1 <= figure.bbox.x1
+            assert figure.bbox.y0 <= legend.y0
+        for axes in figure.axes[1::2]:
+            names = [line.get_label() for line in axes.lines]  # in the order of drawing
+            assert names == ["distance", "along the reference", "across, to the left"]
 
 
 def test_no_drive_is_written_over_another_one() -> None:

@@ -118,15 +118,26 @@ def plot(judgements: Sequence[Judgement], path: Path) -> None:
         plane.set_title(f"{judgement.bag.name}: {error}", parse_math=False)
         plane.set(xlabel="x / m", ylabel="y / m")
         plane.set_aspect("equal", "datalim")
-        plane.legend()
-        for label, color, values in (
-            ("along the reference", ORANGE, s.along),
-            ("across, to the left", GREEN, s.cross),
-            ("distance", "0.3", s.distance),
+        # the distance hides the others, of which it is made, where it is drawn after them
+        for label, color, width, alpha, values in (
+            ("distance", "0.75", 1.6, 1.0, s.distance),
+            ("along the reference", ORANGE, 0.7, 0.8, s.along),
+            ("across, to the left", GREEN, 0.7, 0.65, s.cross),
         ):
-            deviation.plot(s.time, 1e3 * values, color=color, linewidth=0.8, label=label)
+            line = {"color": color, "linewidth": width, "alpha": alpha, "label": label}
+            deviation.plot(s.time, 1e3 * values, **line)
         deviation.set(xlabel="time since the start event / s", ylabel="deviation / mm")
         deviation.grid(alpha=0.3)
-        deviation.legend()
+        for axes, columns in (
+            (plane, 2),
+            (deviation, 3),
+        ):  # beside the curves, which it would cover
+            axes.legend(
+                loc="upper center",
+                bbox_to_anchor=(0.5, -0.13),
+                ncols=columns,
+                columnspacing=1.2,
+                frameon=False,
+            )
     with replacing(path) as file:
         figure.savefig(file, dpi=120)
