@@ -14,5 +14,5 @@ def test_a_bar_is_wiped_where_its_work_fails(fails, capsys, monkeypatch):
         _ = 1 / (not fails)
     shown = capsys.readouterr().err
     assert "working" in shown
-    assert "1/2" in shown
+    assert ("1/2" if fails else "1/1") in shown  # done, though it might have taken more
     assert shown.endswith("\x1b[1A\x1b[2K") == fails

@@ -38,3 +38,6 @@ def progress_bar(description: str) -> Iterator[Progress]:
         except BaseException:
             bar.live.transient = True  # what is said of the error stands alone
             raise
+        # what took fewer steps than it might have is done, and nothing is left
+        done = bar.tasks[0].completed or 1
+        bar.update(task, completed=done, total=done)

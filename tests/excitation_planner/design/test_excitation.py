@@ -128,6 +128,11 @@ def _raises(x, P):
     ("f", "arguments", "message"),
     [
         (_always_infeasible, {}, "no maneuver can be driven and judged: wheel lifts"),
+        (
+            _always_infeasible,
+            {"budget": 220},
+            r"\(2 of 2\); the budget allows 2 maneuvers of the box only: raise it by 160 for 10$",
+        ),
         (_raises, {}, "f raised KeyError: 'gearbox', at a = -1, b = 0"),
         (lambda x, P: P, {}, r"f returned \(20, 3\) for 20 samples"),
         (lambda x, P: (P[:, 0], P), {}, r"f returned \(20,\) and \(20, 3\) for 20 samples; .* one"),

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from tricycle_cli.campaign.cycle import Campaign
 from tricycle_cli.campaign.state_file import CampaignState, Step
-from tricycle_cli.commands.campaign import _identify
+from tricycle_cli.commands.campaign import _identify, _progress_of
 from tricycle_cli.main import main
 from tricycle_core.errors import PlanError
 
@@ -22,6 +22,11 @@ from tricycle_core.errors import PlanError
         ("--targets camber_stiffness --tolerance 500%", "tolerance 5 must be"),
         ("--targets camber_stiffness --tolerance -5%", "tolerance -0.05 must be above 0"),
         ("--targets camber_stiffness --tolerance 5% --maneuver loop", "unknown maneuver 'loop'"),
+        ("--targets camber_stiffness --tolerance 5% --budget -3", "budget -3 must be 1 or more"),
+        (
+            "--targets camber_stiffness --tolerance 5% --pose /typo",
+            "--pose /typo: the nodes of a simulation publish poses on odom, ground_truth, tf only",
+        ),
         (
             "--targets camber_stiffness --tolerance 5% --vehicle-nodes --true-seed 0",
             "--true-seed: of a simulation",
@@ -59,6 +64,21 @@ def test_a_kept_bag_is_identified_by_the_names_given_before_any_node_is_needed(
 
 def no_session(*_):
     raise PlanError("no nodes")
+
+
+@pytest.mark.parametrize(
+    ("steps", "told"),
+    [
+        ([False], "1 planned drive, 0 driven"),
+        ([True], "1 planned drive, 1 driven"),
+        ([True, True, False], "3 planned drives, 2 driven"),
+    ],
+)
+def test_what_a_campaign_goes_on_after_is_told(steps, told):
+    campaign = SimpleNamespace(
+        folder="out", steps=[SimpleNamespace(driven=driven) for driven in steps]
+    )
+    assert _progress_of(campaign) == f"out: going on after {told}"
 
 
 @pytest.mark.parametrize(("driven", "early"), [(14.54, False), (12.0, True)])

@@ -196,6 +196,8 @@ class Design:
 
 DRAWS = 16
 """Parameter values over which the criteria C, D and A are averaged."""
+FEW = 10
+"""Maneuvers of a box below which a search may miss those that can be driven."""
 
 
 def design_excitation(
@@ -361,7 +363,9 @@ def search_design(
 
     candidates = _distinct_cheapest(problem.operation, history)
     if not candidates:
-        raise DesignError(f"no maneuver can be driven and judged: {_reasons(history)}")
+        raise DesignError(
+            f"no maneuver can be driven and judged: {_reasons(history)}{_larger_budget(problem)}"
+        )
     verified = evaluate_all([candidate.x for candidate in candidates], True)
     best = min(range(len(verified)), key=lambda i: verified[i].evaluation.cost)
     at_x, sensitivity = verified[best].evaluation, verified[best].sensitivity
@@ -386,6 +390,15 @@ def search_design(
         failed=sum(e.failed for e in everything),
         verification=sensitivity,
     )
+
+
+def _larger_budget(problem: DesignProblem) -> str:
+    """Advice where the budget, not the family, left hardly any maneuver to be tried; else ""."""
+    if problem.points >= FEW:
+        return ""
+    tried = "1 maneuver" if problem.points == 1 else f"{problem.points} maneuvers"
+    more = (FEW - problem.points) * problem.runs(verification=False)
+    return f"; the budget allows {tried} of the box only: raise it by {more} for {FEW}"
 
 
 def _distinct_cheapest(operation: Box, history: list[Evaluation]) -> list[Evaluation]:

@@ -128,6 +128,8 @@ class CampaignRequest:
             )
         if self.most_drives < 1:
             raise PlanError(f"most drives {self.most_drives} must be 1 or more")
+        if self.budget < 1:
+            raise PlanError(f"budget {self.budget} must be 1 or more: the simulations per plan")
         for target in self.targets:
             self.plan_request(self.families[0], target, None, seed=0)  # checks the rest
 

@@ -61,6 +61,10 @@ examples:
 """
 
 
+SIMULATED_POSES = ("odom", "ground_truth", "tf")
+"""Topics with poses that the nodes of a simulation publish and record."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand.
 
@@ -163,6 +167,11 @@ def run(args: argparse.Namespace) -> int:
 
     if args.vehicle_nodes:
         refuse_given(args, ("true_seed", "real_time_factor"), OF_SIMULATION)
+    elif args.pose is not None and args.pose.removeprefix("/") not in SIMULATED_POSES:
+        raise PlanError(
+            f"--pose {args.pose}: the nodes of a simulation publish poses on "
+            f"{', '.join(SIMULATED_POSES)} only"
+        )
     check_installed("rclpy", "a campaign")
     vehicle = load_vehicle(args.vehicle)
     request = CampaignRequest(
@@ -184,7 +193,7 @@ def run(args: argparse.Namespace) -> int:
     warn_about(vehicle, args)
     console = plain_console(stderr=True)
     if campaign.steps:
-        console.print(f"{args.output}: going on after {len(campaign.steps)} planned drives")
+        console.print(_progress_of(campaign), soft_wrap=True)
     if campaign.driven:  # which needs no vehicle any more
         _identify(campaign, console)
     if not campaign.finished:
@@ -221,6 +230,13 @@ def run(args: argparse.Namespace) -> int:
         soft_wrap=True,
     )
     return 1 if missing else 0
+
+
+def _progress_of(campaign: Campaign) -> str:
+    """Say with how many drives a campaign goes on."""
+    planned, driven = len(campaign.steps), sum(step.driven for step in campaign.steps)
+    drives = "1 planned drive" if planned == 1 else f"{planned} planned drives"
+    return f"{campaign.folder}: going on after {drives}, {driven} driven"
 
 
 def _share(text: str) -> float:
