@@ -28,6 +28,7 @@ NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of i
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
 MOST_SIZES = 8  # combinations of them that are averaged
 ROUNDS = 5  # of weights, and fit with the most probable effects
+ROUGHLY = 0.5  # probability of subsets that are left out where the most probable one is wanted
 SURPRISE = 30.0  # of the cost, from which a fit shows that the motion is not linear in an effect
 ENOUGH = 0.1  # of it, to which such fits are compared
 NOTICEABLE = 0.1  # standard deviations of its prior, from which an effect may be the cause
@@ -122,7 +123,7 @@ def _explained(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _Exp
     for later in reversed(range(ROUNDS)):
         here = problem.quadratic(fit.at)
         likely = _likely_sizes(problem, here, free)
-        found, evidence = effects.average(here, likely)
+        found, evidence = effects.average(here, likely, ROUGHLY)
         acts = effects.free_in(found.acting[0])
         best = likely[int(np.argmax(evidence))][0]
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
@@ -135,9 +136,8 @@ def _explained(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _Exp
         fit = problem.minimise(fit.at, free)
     chances = effects.probabilities(found)
     doubtful = {name: at for name, at in effects.places.items() if chances[name] < SURELY}
-    if needed := indispensable(problem, here, free, doubtful):
-        effects.count_as_acting(needed)
-        found, evidence = effects.average(here, likely)
+    effects.count_as_acting(indispensable(problem, here, free, doubtful))
+    found, evidence = effects.average(here, likely)
     shares = np.exp(evidence - found.evidence).tolist()
     deviations = {
         name: sum(
@@ -218,7 +218,9 @@ class _Effects:
         probable = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
         return dict(zip(self.places, probable.tolist(), strict=True))
 
-    def average(self, here: Quadratic, likely: LikelySizes) -> tuple[Mixture, FloatArray]:
+    def average(
+        self, here: Quadratic, likely: LikelySizes, neglected: float = NEGLECTED
+    ) -> tuple[Mixture, FloatArray]:
         """Average over all subsets and those sizes of the deviations, and the sizes' evidence."""
         variables, rest = self.variables, self._rest
 
@@ -232,6 +234,7 @@ class _Effects:
                 self._groups,
                 list(self._chances.values()),
                 self._least,
+                neglected,
             )
             return found, prior + found.evidence + _log_evidence(H, rhs, rest)
 
