@@ -25,7 +25,14 @@ from parameter_identification.estimation.results import (
     correlation_of,
 )
 from parameter_identification.many_drives import ManyDrives
-from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
+from tricycle_core.documents import (
+    decode,
+    encode,
+    finite_or_none,
+    parse_json,
+    read_bounded,
+    write_whole,
+)
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 
@@ -275,7 +282,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         whiteness=tuple(
             WhitenessEntry(
                 **vars(test)
-                | {n: _known(getattr(test, n)) for n in ("correlation", "statistic", "p")}
+                | {n: finite_or_none(getattr(test, n)) for n in ("correlation", "statistic", "p")}
             )
             for test in found.whiteness
         ),
@@ -287,10 +294,10 @@ def document_of(found: Identification) -> IdentificationDocument:
         seed=found.seed,
         seconds=found.seconds,
         effects=found.effects,
-        scatter=_known(found.scatter),
+        scatter=finite_or_none(found.scatter),
         missed=found.missed,
         measured=_names(found.measured),
-        friction_used=_known(found.friction_used),
+        friction_used=finite_or_none(found.friction_used),
     )
 
 
@@ -315,7 +322,7 @@ def document_of_many(found: ManyDrives) -> IdentificationDocument:
         white=found.white,
         seed=found.seed,
         effects=found.effects,
-        scatter=_known(found.scatter),
+        scatter=finite_or_none(found.scatter),
         measured=_names(found.measured),
         left_out=found.left_out,
     )
@@ -329,10 +336,6 @@ def _entries(
 
 def _names(inputs: Collection[Input]) -> tuple[str, ...]:
     return tuple(one.value for one in Input if one in inputs)
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def save_identification_file(document: IdentificationDocument, path: Path) -> None:

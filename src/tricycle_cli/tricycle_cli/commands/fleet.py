@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import tempfile
 from contextlib import ExitStack
 from dataclasses import replace
@@ -193,7 +192,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _document(fleet: Fleet) -> dict[str, Any]:
-    from tricycle_core.documents import encode
+    from tricycle_core.documents import encode, finite_or_none
 
     return {
         "vehicles": {
@@ -208,7 +207,7 @@ def _document(fleet: Fleet) -> dict[str, Any]:
         "changes_per_day": encode(dict(fleet.changes)),
         "shared": encode(dict(fleet.shared)),
         "own": list(fleet.own),
-        "when": fleet.when if math.isfinite(fleet.when) else None,
+        "when": finite_or_none(fleet.when),
         "odd": list(fleet.odd),
         "beyond": encode(dict(fleet.beyond)),
         "left_out": list(fleet.left_out),
