@@ -14,7 +14,7 @@ missing.
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -298,29 +298,36 @@ def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
     return dataclasses.replace(vehicle, unknown=unknown)
 
 
-def add_effects(
-    points: FloatArray,
-    place: Mapping[str, int],
+def affected_constants(
+    affected: Vehicle,
+    names: Iterable[str],
+    parameters: FloatArray,
     effects: Sequence[Effect],
     values: Mapping[str, FloatArray],
-) -> None:
-    """Add the changes that effects make to the constants of vehicles, in place.
+) -> FloatArray:
+    """Return the unknown constants (n, K) of n vehicles with effects.
 
     Parameters
     ----------
-    points : ndarray of float, shape (n, k)
-        Values of the unknown parameters of `with_effects`.
-    place : mapping of str to int
-        Column of each constant.
+    affected : Vehicle
+        Nominal vehicle from `with_effects`, of which K constants are unknown.
+    names : iterable of str, length k
+        Names of the parameters: the unknown constants of the vehicle without the effects.
+    parameters : ndarray of float, shape (n, k)
+        Parameters of the vehicles, in their units; the effects change them further.
     effects : sequence of Effect
         Effects on the vehicle.
     values : mapping of str to ndarray of float, shape (n,)
         Value of each effect by its name, in its unit; an effect without a value does not act.
     """
+    place = {name: i for i, name in enumerate(affected.unknown)}
+    constants = np.tile(affected.nominal_point(), (len(parameters), 1))
+    constants[:, [place[name] for name in names]] = parameters
     for e in effects:
         if e.name in values:
             for constant, change in e.constants.items():
-                points[:, place[constant]] += change * values[e.name]
+                constants[:, place[constant]] += change * values[e.name]
+    return constants
 
 
 def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle, frozenset[str]]:

@@ -31,7 +31,7 @@ from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
     SERVO_DEAD_TIME,
     Effect,
-    add_effects,
+    affected_constants,
     as_sensed,
     effects_of,
     with_effects,
@@ -152,11 +152,8 @@ def replayed(
     every, rest = round(PERIOD / TICK), round(STANDSTILL / PERIOD)
     affected, n, k = with_effects(vehicle, effects), len(parameters), len(vehicle.unknown)
     batch = CommandedBatch(affected, commands)
-    place = {name: i for i, name in enumerate(affected.unknown)}
-    points = np.tile(affected.nominal_point(), (n, 1))
-    points[:, [place[name] for name in vehicle.unknown]] = parameters[:, :k]
     values = {e.name: e.std * parameters[:, k + i] for i, e in enumerate(effects)}
-    add_effects(points, place, effects, values)
+    constants = affected_constants(affected, vehicle.unknown, parameters[:, :k], effects, values)
     steering, drive = values.get(SERVO_DEAD_TIME), values.get(DRIVE_DEAD_TIME, np.zeros(n))
     motion = dict.fromkeys([*columns, *(SENSED if effects else ())])
     found = np.empty((n, rest + len(batch.time[::every]), len(columns)))
@@ -164,7 +161,7 @@ def replayed(
         alike = np.flatnonzero(drive == later)
         for rows in np.split(alike, range(BLOCK, len(alike), BLOCK)):
             run = batch.run(
-                points[rows],
+                constants[rows],
                 tuple(motion),
                 every=every,
                 steering_delay=None if steering is None else steering[rows],
