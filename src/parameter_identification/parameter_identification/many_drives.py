@@ -13,11 +13,10 @@ scatter more than their noise explains, the deviations are therefore those of th
 are counted.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -32,8 +31,7 @@ from parameter_identification.estimation.mixture import Mixture, mixture_of
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.results import (
     EffectEstimate,
-    Estimate,
-    asked_for,
+    IdentifiedParameters,
     common_truth,
 )
 from parameter_identification.estimation.shares import DriveShare, FitSetting, first_fit
@@ -57,65 +55,22 @@ LOOKED_AT = 8  # drives from which start and noise are found
 RATE = 0.5  # standard deviation of a rate's prior, in ranges per unit of time
 
 
-@dataclass(frozen=True, eq=False)
-class ManyDrives:
-    """Parameters of a vehicle from many drives.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ManyDrives(IdentifiedParameters):
+    """Parameters from many drives; their intervals are those by linearisation.
+
+    Its effects are those that all drives have in common, and of deviations their sizes.
 
     Attributes
     ----------
-    parameters : mapping of str to Estimate
-        Estimate of each parameter, by name, with its interval by linearisation.
-    covariance : ndarray of float, shape (k, k)
-        Covariance of the estimates, in their units.
-    scatter : float
-        Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
-        10 drives. Far above 1 the drives contradict each other: the model lacks something.
     drives : tuple of DriveShare
-        At the estimate, in the order of the bags.
+        Each drive's share of the cost at the estimate, in the order of the bags.
     left_out : tuple of str
         Bags that were not used, with the reason.
-    truth : mapping of str to float
-        True values that all bags hold alike, where the drives were simulated.
-    vehicle, vehicle_hash : str
-        Name and hash of the vehicle file.
-    level : float
-        Probability of the intervals.
-    effects : tuple of EffectEstimate
-        Effects that all drives have in common; of deviations their sizes.
-    others : mapping of str to Estimate
-        Parameters that were not asked for, but estimated.
-    fixed : mapping of str to float
-        Parameters that were held at their nominal values: no interval counts an error in them.
-    measured : frozenset of Input
-        Inputs that moved as measured, not as the commands say.
-    seed : int
-        Seed of the starts.
     """
 
-    parameters: Mapping[str, Estimate]
-    covariance: FloatArray
-    scatter: float
     drives: tuple[DriveShare, ...]
     left_out: tuple[str, ...]
-    truth: Mapping[str, float]
-    vehicle: str
-    vehicle_hash: str
-    level: float
-    effects: tuple[EffectEstimate, ...] = ()
-    others: Mapping[str, Estimate] = field(default_factory=dict)
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    measured: frozenset[Input] = frozenset()
-    seed: int = 0
-
-    def only(self, names: Collection[str]) -> Self:
-        """Return the result for some of the parameters, the rest of which are its `others`.
-
-        Parameters
-        ----------
-        names : collection of str
-            Names of the parameters that are asked for.
-        """
-        return replace(self, **asked_for(self.parameters, self.covariance, names))
 
     @property
     def not_white(self) -> int:

@@ -216,10 +216,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     """Identify from many bags, print, write."""
     from excitation_planner.design.executors import processes
     from parameter_identification.estimation.unknown import restrict
-    from parameter_identification.identification_file import (
-        document_of_many,
-        save_identification_file,
-    )
+    from parameter_identification.identification_file import document_of, save_identification_file
     from parameter_identification.identified_vehicle import identified_vehicle
     from parameter_identification.many_drives import identify_many
     from tricycle_cli.reports.remarks import remarks_on_many
@@ -259,7 +256,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     console.print(parameter_table(found))
     for remark in remarks_on_many(found):
         console.print(remark, soft_wrap=True)
-    document = document_of_many(found)
+    document = document_of(found)
     if args.output is not None:
         write_whole(args.output / VEHICLE, identified_vehicle(found, args.vehicle))
         save_identification_file(document, args.output / IDENTIFICATION)
