@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trajectory_recorder.bag.location import is_remote
-from tricycle_cli.arguments import topics_of
+from tricycle_cli.options import topics_of
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import IdentificationError
 

@@ -11,8 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number
+from tricycle_cli.argument_types import bag_argument, nonnegative_number
 from tricycle_cli.console import plain_console
+from tricycle_cli.options import BAG_HELP
 from tricycle_cli.progress import progress_bar
 
 if TYPE_CHECKING:

@@ -13,16 +13,14 @@ import numpy as np
 
 from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.planning import PlanRequest
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, parameter_name, real_time_factor
+from tricycle_cli.options import (
     add_effects_option,
     add_overwrite_option,
     add_vehicle_option,
-    at_least,
     check_output_files,
     describe_later,
     effects_asked,
-    parameter_name,
-    real_time_factor,
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, write_whole

@@ -4,12 +4,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import bag_argument
+from tricycle_cli.options import (
     BAG_HELP,
     add_overwrite_option,
     add_topic_options,
     add_vehicle_option,
-    bag_argument,
     check_output_files,
     topics_of,
 )

@@ -11,16 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, parameter_names
+from tricycle_cli.options import (
     BAG_HELP,
     add_other_vehicle_option,
     add_overwrite_option,
     add_topic_options,
     add_vehicle_option,
     add_workers_option,
-    at_least,
     check_output_files,
-    parameter_names,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar

@@ -7,7 +7,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, bag_argument, parameter_names, positive_number
+from tricycle_cli.drives import is_table, read_drives
+from tricycle_cli.options import (
     BAG_HELP,
     add_effects_option,
     add_other_vehicle_option,
@@ -15,15 +17,10 @@ from tricycle_cli.arguments import (
     add_topic_options,
     add_vehicle_option,
     add_workers_option,
-    at_least,
-    bag_argument,
     check_output_files,
     effects_asked,
-    parameter_names,
-    positive_number,
     topics_of,
 )
-from tricycle_cli.drives import is_table, read_drives
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.identification_files import FILES, IDENTIFICATION, VEHICLE, remove_older
 from tricycle_core.documents import check_folder, write_whole

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from parameter_identification.judging.export import PICTURES, ExportFormat
 from parameter_identification.judging.judgement import Anchor
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import bag_argument
+from tricycle_cli.options import (
     BAG_HELP,
     add_overwrite_option,
     add_topic_options,
-    bag_argument,
     check_output_files,
     refuse_given,
     topics_of,
