@@ -35,6 +35,14 @@ MAJOR = 2  # version of the protocol
 MINOR = 0
 BAUD = 115_200  # 8N1
 MAX_PAYLOAD = 40  # bytes
+MAJOR_SHIFT = 5  # bits of the first header byte: major version, direction, board
+FROM_PLC = 0x10
+BOARD_MASK = 0x0F
+OLD_STATE_SHIFT = 4  # in the states of an EVENT, beside the new state
+NEW_STATE_MASK = 0x0F
+ECHO_SHIFT = 10  # from microseconds to an echo
+MAX_COMMAND_AGE = 255  # counts; also where there is no command
+NEWEST_STEP = 127  # between numbers of operations; further is backwards
 
 
 class Board(enum.IntEnum):
@@ -569,7 +577,7 @@ class Event(Message):
     ID = 0x86
     t: Annotated[U32, _MICROSECONDS]  # PLC clock
     code: Annotated[U8, EventCode]
-    states: U8  # old << 4 | new
+    states: U8  # old << OLD_STATE_SHIFT | new
     faults: Annotated[U16, Fault]
 
 
@@ -590,7 +598,7 @@ class SteerState(Message):
     adc: U16  # counts
     supply: Annotated[U16, _VOLTAGE]
     command_seq: U8  # of the last command
-    command_age: Annotated[U8, _CENTISECONDS]  # saturates at 255 counts
+    command_age: Annotated[U8, _CENTISECONDS]  # saturates at MAX_COMMAND_AGE
 
 
 @dataclass(frozen=True)
@@ -612,7 +620,7 @@ class DriveState(Message):
     gear: Annotated[U8, Gear]
     brake: Annotated[U8, _BRAKE]  # 200 counts = full
     command_seq: U8  # of the last command
-    command_age: Annotated[U8, _CENTISECONDS]  # saturates at 255 counts
+    command_age: Annotated[U8, _CENTISECONDS]  # saturates at MAX_COMMAND_AGE
 
 
 MESSAGES: tuple[type[Message], ...] = (
@@ -673,4 +681,4 @@ def echo_of(t: int) -> int:
     t : int
         Time of a state frame [us].
     """
-    return t >> 10 & 0xFFFF
+    return t >> ECHO_SHIFT & 0xFFFF
