@@ -18,7 +18,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.plan import Plan, load_plan
 from excitation_planner.planning import check_vehicle
-from parameter_identification.drives.measured import Sensor, commands_of
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.measured_from_bag import commands_of
 from parameter_identification.drives.poses import planar, stamp_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.prior import GaussianPrior

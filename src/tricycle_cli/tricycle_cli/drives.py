@@ -70,7 +70,7 @@ def read_drives(args: Namespace, vehicle: Vehicle, columns: Columns | None) -> R
     BagError
         If a bag cannot be read.
     """
-    from parameter_identification.drives.measured import read_measured_drive
+    from parameter_identification.drives.measured_from_bag import read_measured_drive
     from parameter_identification.drives.windows import Windows
 
     topics = topics_of(args)

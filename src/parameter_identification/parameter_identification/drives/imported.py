@@ -12,12 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from parameter_identification.drives.measured import (
-    FROM_POSES,
-    SPEED_SOURCE,
-    MeasuredDrive,
-    Sensor,
-)
+from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.drives.measured_from_bag import FROM_POSES, SPEED_SOURCE
 from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.recorded import IMPORTED_FROM
 from parameter_identification.drives.samples import Samples

@@ -18,7 +18,8 @@ from pathlib import Path
 from excitation_planner.design.prior import UNIFORM_STD, BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver, planned_for
-from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.drives.measured import MeasuredDrive
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.prior import box_prior

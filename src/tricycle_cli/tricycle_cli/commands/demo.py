@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from excitation_planner.design.noise import SIMULATED
-    from parameter_identification.drives.measured import measured_drive
+    from parameter_identification.drives.measured_from_bag import measured_drive
     from parameter_identification.drives.reader import read_drive
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive

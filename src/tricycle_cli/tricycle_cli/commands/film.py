@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _render(args: argparse.Namespace, vehicle: Vehicle, topics: "TopicNames") -> int:
-    from parameter_identification.drives.measured import measured_drive
+    from parameter_identification.drives.measured_from_bag import measured_drive
     from parameter_identification.drives.reader import read_drive
     from parameter_identification.judging.judgement import judge_drive
     from tricycle_bringup.configuration import bridge_settings
