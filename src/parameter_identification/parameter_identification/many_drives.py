@@ -206,7 +206,7 @@ def begin(
     """
     before = box_prior(vehicle, prior)
     jobs = [(own, vehicle, tuple(effects), before, seed) for own in files]
-    found = []
+    fits = []
     for own, (setting, at) in zip(files, each(executor, _begin, jobs), strict=True):
         shared, k, names = setting.shared, len(before.mean), list(vehicle.unknown)
         rates = tuple(names.index(name) for name in changing)
@@ -225,12 +225,10 @@ def begin(
         times = (
             np.array([since(beginning_of(file)) for file in own]) if rates else np.zeros(len(own))
         )
-        found.append(
-            VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates))))
-        )
+        fits.append(VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates)))))
         if progress is not None:
-            progress(len(found), len(files))
-    return found
+            progress(len(fits), len(files))
+    return fits
 
 
 def _begin(
@@ -318,19 +316,19 @@ def result_of(
     average : _Average, optional
         Over subsets of the effects.
     """
-    here, setting, at = fit.quadratic, fit.setting, fit.at
+    quadratic, setting, at = fit.quadratic, fit.setting, fit.at
     growth, factors = growth_of(fit, level)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
-        covariance = here.covariance()
+        covariance = quadratic.covariance()
     k, vehicle, bounds = len(setting.vehicle.unknown), setting.vehicle, fit.variables
     width = np.array([high - low for low, high in vehicle.unknown.values()])
     mixture = None if average is None else average.mixture
-    drives = here.shares
+    drives = quadratic.shares
     correction = corrected(
         at,
-        here,
+        quadratic,
         covariance,
         factors,
         bounds.prior_covariance[:k, :k],
@@ -357,14 +355,14 @@ def result_of(
     ]
     bags = {file: bag for bag, file in files.items()}
     names = _names_of([bags[file] for file in fit.files])
-    shares = [replace(s, name=name) for s, name in zip(here.shares, names, strict=True)]
+    shares = [replace(s, name=name) for s, name in zip(quadratic.shares, names, strict=True)]
     return ManyDrives(
         parameters=estimates,
         covariance=covariance[:k, :k] * np.outer(width, width),
         scatter=correction.scatter,
         drives=tuple(shares),
         left_out=tuple(left_out),
-        truth=common_truth(share.truth for share in here.shares),
+        truth=common_truth(share.truth for share in quadratic.shares),
         vehicle=vehicle.name,
         vehicle_hash=vehicle.fingerprint,
         level=level,

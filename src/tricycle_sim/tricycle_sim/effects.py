@@ -225,7 +225,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
         If a name is not one of an effect.
     """
     check_effects(names)
-    found = []
+    effects = []
     extended = extend(vehicle, _extensions(vehicle))
     for name, unit, std, choices in _OF_CONSTANTS:
         if option_of(name) not in names:
@@ -245,7 +245,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             per_drive = name.startswith("slope")
             parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
             step = max(_COARSE.get(constant, Effect.step) for constant in owned)
-            found.append(
+            effects.append(
                 Effect(
                     *(name, unit, std, change, parts, low, high, per_drive),
                     step=step,
@@ -259,8 +259,8 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             if "servo_delay" in vehicle.unknown:
                 continue
             e = dataclasses.replace(e, low=-vehicle.values.get("servo_delay", 0.0))
-        found.append(e)
-    return tuple(found)
+        effects.append(e)
+    return tuple(effects)
 
 
 def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:

@@ -119,8 +119,8 @@ def _signals(drive: RecordedDrive, vehicle: Vehicle, end: float) -> dict[Sensor,
         if np.nan_to_num(joints.motor_torque).any():  # drivers that measure none write zeros
             optional.append((Sensor.MOTOR_TORQUE, joints.time, joints.motor_torque))
     for sensor, time, values in optional:
-        if (there := ~np.isnan(values)).any():
-            samples = _samples(drive.bag, sensor.value, time[there], values[there])
+        if (measured := ~np.isnan(values)).any():
+            samples = _samples(drive.bag, sensor.value, time[measured], values[measured])
             signals[sensor] = Signal(samples.time, samples.values[:, None], STAMP_JITTER[sensor])
     wheels = {
         w.name: drive.wheel_rates[w.name] for w in vehicle.wheels if w.name in drive.wheel_rates

@@ -127,13 +127,13 @@ def effects_of_drives(
         Probability of each effect, where they were weighed.
     """
     std, ends = np.sqrt(np.diag(optimum.covariance)), problem.at_an_end(optimum.fit.at)
-    found = []
+    estimates = []
     for drive, model in enumerate(problem.models):
         for i, (at, n) in enumerate(zip(problem.nuisances_at(drive), model.nuisances, strict=True)):
             e, own = n.effect, i >= model.shared
             if e is None or e.process or (drive and not own):
                 continue
-            found.append(
+            estimates.append(
                 EffectEstimate(
                     name=e.name,
                     unit=e.unit,
@@ -149,10 +149,10 @@ def effects_of_drives(
     for e in problem.models[0].effects:
         if e.process and e.name in sizes:  # no drive starts from rest: none deviates at its start
             size, known = e.std * sizes[e.name], acts.get(e.name)
-            found.append(
+            estimates.append(
                 EffectEstimate(e.name, e.unit, 0.0, size, e.std, acts=known, chance=chances[e.name])
             )
-    return tuple(found)
+    return tuple(estimates)
 
 
 def whiteness_of_residuals(

@@ -375,7 +375,7 @@ class Campaign:
             request = self.request
             try:  # those before it were identified from, so it is the last one that cannot be used
                 drives.append(read(self.folder / step.bag, vehicle))
-                found = identify(
+                identification = identify(
                     drives,
                     vehicle,
                     effects=request.effects,
@@ -392,7 +392,7 @@ class Campaign:
                 ) from error
             identified = dataclasses.replace(
                 step,
-                identification=document_of(found),
+                identification=document_of(identification),
                 duration=drives[-1].commands.duration,  # it may have ended early
             )
             self._keep((*self.steps[:-1], identified))

@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
     )
     with progress_bar("identifying the parameters") as progress:
         measured = [measured_drive(drive, vehicle) for drive in drives.values()]
-        found = identify(
+        identification = identify(
             measured,
             vehicle,
             **effects,
@@ -155,11 +155,11 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         )
-    save_identification(found, args.vehicle, output / "identification")
+    save_identification(identification, args.vehicle, output / "identification")
 
     truth = hidden_truth(vehicle, args.seed)
     expected = {name: _expected_error(request, plan, truth) for name, plan in plans.items()}
-    result = _result(plans, expected, judgements, found, truth).to_json()
+    result = _result(plans, expected, judgements, identification, truth).to_json()
     write_whole(output / "result.json", json.dumps(result, indent=2) + "\n")
     results = read_run(output, read=lambda bag: drives[bag.name])
     write_whole(output / "report.html", run_page(results, vehicle=vehicle))
@@ -170,8 +170,8 @@ def run(args: argparse.Namespace) -> int:
     for name, plan in plans.items():
         if plan.verdict:
             console.print(f"{name}: {plan.verdict}")
-    console.print(parameter_table(found, truth))
-    for remark in remarks(found):
+    console.print(parameter_table(identification, truth))
+    for remark in remarks(identification):
         console.print(remark, soft_wrap=True)
     for what, where in (
         *(("bags", "bags"), ("plans", "plans"), ("figure", "trajectories.png")),
@@ -179,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
         ("report", "report.html"),
     ):
         console.print(f"{what}: {output / where}", soft_wrap=True)
-    if not found.parameters[args.target].identifiable:
+    if not identification.parameters[args.target].identifiable:
         print(f"the drives do not show {args.target}, which they should", file=sys.stderr)
         return 1
     return 0

@@ -112,8 +112,8 @@ def run(args: argparse.Namespace) -> int:
     if not judgements:
         return 2
     if args.json:
-        found = [_as_json(judgement) for judgement in judgements]
-        print(json.dumps(found[0] if len(args.bags) == 1 else {"bags": found}))
+        documents = [_as_json(judgement) for judgement in judgements]
+        print(json.dumps(documents[0] if len(args.bags) == 1 else {"bags": documents}))
     else:
         from tricycle_cli.reports.tables import WIDEST, judgement_table, table_console
 

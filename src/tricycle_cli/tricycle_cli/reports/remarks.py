@@ -281,9 +281,9 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     known = {*fleet.populations, *fleet.shared, *fleet.own}
     lines += [f"{name}: too few vehicles show it" for name in parameters if name not in known]
     coloured = [
-        f"{name} ({found.not_white} of {len(found.drives)} drives)"
-        for name, found in fleet.vehicles.items()
-        if not found.white
+        f"{name} ({vehicle.not_white} of {len(vehicle.drives)} drives)"
+        for name, vehicle in fleet.vehicles.items()
+        if not vehicle.white
     ]
     if coloured:
         lines.append(
@@ -299,8 +299,8 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     lines += _not_whole(
         [
             f"{name}/{drive.name}"
-            for name, found in fleet.vehicles.items()
-            for drive in found.drives
+            for name, vehicle in fleet.vehicles.items()
+            for drive in vehicle.drives
             if not drive.complete
         ]
     )

@@ -395,12 +395,12 @@ class CommandedBatch:
         advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), every, out)
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
         axles, angles = axles[..., ::every], angles[..., ::every]
-        found = {
+        computed = {
             name: self.available[name][1](axles, *(recorded[row] for row in need))
             for name, need in needs.items()
         }
         angles = np.broadcast_to(angles, (len(parameters), angles.shape[-1]))
-        return Run(found, angles, groups, self._vehicle.wheels)
+        return Run(computed, angles, groups, self._vehicle.wheels)
 
     def _own_commands(
         self,
