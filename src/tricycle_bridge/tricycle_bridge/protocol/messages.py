@@ -577,7 +577,7 @@ class Event(Message):
     ID = 0x86
     t: Annotated[U32, _MICROSECONDS]  # PLC clock
     code: Annotated[U8, EventCode]
-    states: U8  # old << OLD_STATE_SHIFT | new
+    states: U8  # old << 4 | new
     faults: Annotated[U16, Fault]
 
 
@@ -598,7 +598,7 @@ class SteerState(Message):
     adc: U16  # counts
     supply: Annotated[U16, _VOLTAGE]
     command_seq: U8  # of the last command
-    command_age: Annotated[U8, _CENTISECONDS]  # saturates at MAX_COMMAND_AGE
+    command_age: Annotated[U8, _CENTISECONDS]  # saturates at 255 counts
 
 
 @dataclass(frozen=True)
@@ -620,7 +620,7 @@ class DriveState(Message):
     gear: Annotated[U8, Gear]
     brake: Annotated[U8, _BRAKE]  # 200 counts = full
     command_seq: U8  # of the last command
-    command_age: Annotated[U8, _CENTISECONDS]  # saturates at MAX_COMMAND_AGE
+    command_age: Annotated[U8, _CENTISECONDS]  # saturates at 255 counts
 
 
 MESSAGES: tuple[type[Message], ...] = (
