@@ -12,7 +12,11 @@ from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
     from parameter_identification.drives.measured import MeasuredDrive
-    from parameter_identification.estimation.results import HeldOut, Identification
+    from parameter_identification.estimation.results import (
+        HeldOut,
+        Identification,
+        IdentifiedParameters,
+    )
     from parameter_identification.fleet import Fleet
     from parameter_identification.many_drives import ManyDrives
 
@@ -182,7 +186,7 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:MOST_MEMBERS])}{more}"
 
 
-def _taken_as_known(found: Identification | ManyDrives) -> list[str]:
+def _taken_as_known(found: IdentifiedParameters) -> list[str]:
     """Parameters that were held, and what moved as measured."""
     lines = []
     if found.fixed:
@@ -198,7 +202,7 @@ def _taken_as_known(found: Identification | ManyDrives) -> list[str]:
     return lines
 
 
-def _not_asked_for(found: Identification | ManyDrives) -> list[str]:
+def _not_asked_for(found: IdentifiedParameters) -> list[str]:
     if not found.others:
         return []
     names = ", ".join(found.others)
