@@ -4,8 +4,9 @@ import argparse
 import json
 import re
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number
+from tricycle_cli.argument_types import bag_argument, nonnegative_number
 from tricycle_cli.operation.processes import run_in_foreground
+from tricycle_cli.options import BAG_HELP
 
 EXAMPLE = """\
 examples:
