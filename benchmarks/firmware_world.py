@@ -28,13 +28,8 @@ from identification import MANEUVERS
 from excitation_planner.design.noise import SIMULATED
 from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.planning.replay import nominal_run
-from parameter_identification.drives.measured import (
-    STAMP_JITTER,
-    Sensor,
-    Signal,
-    read_measured_drive,
-    resolved,
-)
+from parameter_identification.drives.measured import STAMP_JITTER, Sensor, Signal, resolved
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import EFFECTS, identify

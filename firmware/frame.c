@@ -61,8 +61,8 @@ uint8_t frame_encode(uint8_t *wire, const uint8_t header[FRAME_HEADER], const vo
 	if (payload_length)
 		memcpy(raw + FRAME_HEADER, payload, payload_length);
 	uint32_t crc = frame_crc(raw, length);
-	memcpy(raw + length, &crc, 4);
-	uint8_t used = cobs_encode(wire, raw, length + 4);
+	memcpy(raw + length, &crc, FRAME_CRC_SIZE);
+	uint8_t used = cobs_encode(wire, raw, length + FRAME_CRC_SIZE);
 	wire[used++] = 0;
 	return used;
 }
@@ -75,11 +75,11 @@ static enum frame_result decode(struct frame_decoder *decoder)
 	/* one byte decodes to nothing without being damaged */
 	if (length == 0 && !(decoder->length == 1 && decoder->data[0] == 1))
 		return FRAME_COBS;
-	if (length < FRAME_HEADER + 4)
+	if (length < FRAME_HEADER + FRAME_CRC_SIZE)
 		return FRAME_LENGTH;
 	uint32_t crc;
-	memcpy(&crc, decoder->data + length - 4, 4);
-	if (crc != frame_crc(decoder->data, length - 4))
+	memcpy(&crc, decoder->data + length - FRAME_CRC_SIZE, FRAME_CRC_SIZE);
+	if (crc != frame_crc(decoder->data, length - FRAME_CRC_SIZE))
 		return FRAME_CRC;
 	decoder->raw_length = length;
 	return FRAME_OK;

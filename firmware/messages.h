@@ -9,6 +9,13 @@
 #define TBP_MINOR 0
 #define BAUD 115200
 #define MAX_PAYLOAD 40 /* bytes */
+#define MAJOR_SHIFT 5
+#define FROM_PLC 16
+#define BOARD_MASK 15
+#define OLD_STATE_SHIFT 4
+#define ECHO_SHIFT 10
+#define MAX_COMMAND_AGE 255 /* ticks */
+#define NEWEST_STEP 127
 #define ANSWER_BUDGET 64 /* bytes */
 #define CONTROL_GUARD 165
 #define END_STOP 7854 /* 1e-4 rad */

@@ -3,14 +3,15 @@
 #include <string.h>
 
 #define WATCHDOG_US (WATCHDOG_MS * 1000UL)
-#define VERSION_NODE (TBP_MAJOR << 5 | 0x10 | THIS_BOARD)
+#define VERSION_NODE (TBP_MAJOR << MAJOR_SHIFT | FROM_PLC | THIS_BOARD)
 #define FIRMWARE_VERSION 2, 0, 0
+#define NOT_RECEIVED 255 /* as the size of a payload */
 #define SETUP_FIELDS (SIZE_SETUP / 2)
 #define PASSING_FAULTS (FAULT_LIMIT | FAULT_SUPPLY) /* they do not latch */
 
 static uint16_t echo_of(uint32_t t)
 {
-	return (uint16_t)(t >> 10);
+	return (uint16_t)(t >> ECHO_SHIFT);
 }
 
 static bool is(const struct plc *plc, uint8_t state)
@@ -51,7 +52,8 @@ void plc_answer(struct plc *plc, uint8_t id, const void *payload, uint8_t length
 
 static void enter(struct plc *plc, uint8_t state, uint32_t now, uint8_t code)
 {
-	struct event event = { now, code, (uint8_t)(plc->state << 4 | state), plc->faults };
+	struct event event = { now, code, (uint8_t)(plc->state << OLD_STATE_SHIFT | state),
+			       plc->faults };
 	if (is(plc, PLC_STATE_ARMED))
 		board_disarmed(plc, now);
 	plc->state = state;
@@ -139,7 +141,7 @@ uint8_t plc_state_flags(const struct plc *plc)
 uint8_t plc_command_age(const struct plc *plc, uint32_t now)
 {
 	uint32_t age = (now - plc->command_at) / TICK_US;
-	return !plc->commanded || age > 255 ? 255 : (uint8_t)age;
+	return !plc->commanded || age > MAX_COMMAND_AGE ? MAX_COMMAND_AGE : (uint8_t)age;
 }
 
 /* ---- state machine ---- */
@@ -203,7 +205,7 @@ static uint8_t take_away(struct plc *plc, const struct control *control, uint32_
 	else if (moving(plc))
 		change(plc, PLC_STATE_SAFE, now);
 	uint8_t step = control->number - plc->operation;
-	if (!plc->operated || (step > 0 && step < 128))
+	if (!plc->operated || (step > 0 && step <= NEWEST_STEP))
 		keep_result(plc, control->number, RESULT_OK);
 	return RESULT_OK;
 }
@@ -214,7 +216,7 @@ static uint8_t give(struct plc *plc, const struct control *control, uint32_t now
 	uint8_t step = control->number - plc->operation;
 	if (plc->operated && step == 0)
 		return plc->operation_result;
-	if (plc->operated && step >= 128)
+	if (plc->operated && step > NEWEST_STEP)
 		return RESULT_STALE;
 	if (stale(control->echo, now)) {
 		plc->stats.stale++;
@@ -260,7 +262,7 @@ static void accept_command(struct plc *plc, uint8_t seq, const uint8_t *payload,
 	plc->enabled = flags & COMMAND_FLAG_ENABLE;
 	if (!plc->enabled)
 		plc->commands_in_row = 0;
-	else if (plc->commands_in_row < 255)
+	else if (plc->commands_in_row < UINT8_MAX)
 		plc->commands_in_row++;
 	if (flags & COMMAND_FLAG_ESTOP)
 		estop(plc, FAULT_ESTOP_HOST, now);
@@ -274,9 +276,9 @@ static void greet(struct plc *plc, const uint8_t *header, const struct hello *he
 		return;
 	if (moving(plc))
 		change(plc, PLC_STATE_SAFE, now);
-	plc->rx_seq = header[2];
+	plc->rx_seq = header[SEQ_BYTE];
 	plc->rx_seq_known = true;
-	plc->session = header[3];
+	plc->session = header[SESSION_BYTE];
 	plc->commanded = false;
 	plc->operated = false;
 	forget_setup(plc);
@@ -304,7 +306,7 @@ static bool count_seq(struct plc *plc, uint8_t seq)
 	return true;
 }
 
-/* Size of the payload of an id in the message table; 255 where this board does not get it. */
+/* Size of the payload of an id in the message table. */
 static uint8_t payload_size(uint8_t id)
 {
 	switch (id) {
@@ -323,7 +325,7 @@ static uint8_t payload_size(uint8_t id)
 	case ID_SETUP:
 		return SIZE_SETUP;
 	default:
-		return 255;
+		return NOT_RECEIVED;
 	}
 }
 
@@ -337,22 +339,22 @@ static void handle(struct plc *plc, uint32_t now)
 {
 	const uint8_t *header = plc->decoder.data;
 	const uint8_t *payload = header + FRAME_HEADER;
-	uint8_t length = plc->decoder.raw_length - FRAME_HEADER - 4;
-	uint8_t id = header[1];
+	uint8_t length = plc->decoder.raw_length - FRAME_HEADER - FRAME_CRC_SIZE;
+	uint8_t id = header[ID_BYTE];
 	uint8_t size = payload_size(id);
-	uint8_t board = header[0] & 0x0F;
+	uint8_t board = header[VERSION_NODE_BYTE] & BOARD_MASK;
 	bool hello = id == ID_HELLO;
 
-	if (header[0] >> 5 != TBP_MAJOR && !hello) {
+	if (header[VERSION_NODE_BYTE] >> MAJOR_SHIFT != TBP_MAJOR && !hello) {
 		plc->stats.version++;
 		return;
 	}
-	if (size == 255 || header[0] & 0x10 ||
+	if (size == NOT_RECEIVED || header[VERSION_NODE_BYTE] & FROM_PLC ||
 	    (board != THIS_BOARD && !(hello && board == BOARD_ANY))) {
 		plc->stats.unknown++;
 		return;
 	}
-	if (!hello && (plc->session == 0 || header[3] != plc->session)) {
+	if (!hello && (plc->session == 0 || header[SESSION_BYTE] != plc->session)) {
 		plc->stats.session++;
 		return;
 	}
@@ -369,21 +371,21 @@ static void handle(struct plc *plc, uint32_t now)
 		greet(plc, header, &message, now);
 		return;
 	}
-	if (!count_seq(plc, header[2]))
+	if (!count_seq(plc, header[SEQ_BYTE]))
 		return;
 	switch (id) {
 	case ID_COMMAND:
-		accept_command(plc, header[2], payload, now);
+		accept_command(plc, header[SEQ_BYTE], payload, now);
 		break;
 	case ID_CONTROL: {
 		struct control control;
 		memcpy(&control, payload, sizeof control);
 		uint8_t result = operate(plc, &control, now);
-		acknowledge(plc, control.op, header[2], result);
+		acknowledge(plc, control.op, header[SEQ_BYTE], result);
 		break;
 	}
 	case ID_SETUP:
-		acknowledge(plc, OP_SETUP, header[2], take_setup(plc, payload));
+		acknowledge(plc, OP_SETUP, header[SEQ_BYTE], take_setup(plc, payload));
 		break;
 	case ID_PING: {
 		struct pong pong = { 0, now, now };
@@ -426,7 +428,7 @@ static void check_watchdog(struct plc *plc, uint32_t now)
 {
 	if (command_fresh(plc, now, WATCHDOG_US))
 		return;
-	if (plc_command_age(plc, now) == 255)
+	if (plc_command_age(plc, now) == MAX_COMMAND_AGE)
 		plc->commanded = false; /* the clock's wrap must not make it young again */
 	plc->commands_in_row = 0;
 	if (is(plc, PLC_STATE_ARMED)) {

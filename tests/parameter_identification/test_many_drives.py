@@ -21,7 +21,8 @@ from excitation_planner.maneuver import Circle
 from parameter_identification import many_drives
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.kept import keep, load_kept, measured_in
-from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
+from parameter_identification.drives.measured import Input, Sensor
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap

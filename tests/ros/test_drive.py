@@ -23,7 +23,7 @@ from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.planning.prediction import ReplayedTrajectories
 from excitation_planner.planning.replay import nominal_run, replayed_errors
-from parameter_identification.drives.measured import read_measured_drive
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.estimation.inputs import Inputs
 from parameter_identification.identification import identify

@@ -14,7 +14,8 @@ from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification import identification_monitor_node
-from parameter_identification.drives.measured import Sensor, read_measured_drive
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.identification import identify
 from tricycle_bringup.configuration import SIMULATION_CONFIG
 from tricycle_cli.operation.processes import NodeProcesses

@@ -11,7 +11,8 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
 from excitation_planner.maneuver import Circle, with_lead_in
 from excitation_planner.planning import PlanRequest, plan_at
-from parameter_identification.drives.measured import Sensor, read_measured_drive
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.poses import stamp_of
 from parameter_identification.drives.reader import read_drive, read_way_back
 from parameter_identification.judging.judgement import judge

@@ -43,7 +43,7 @@ from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, publish
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
 from tricycle_core.readiness import Readiness
-from tricycle_core.rotations import is_unit, yaw_of
+from tricycle_core.rotations import about_vertical, is_unit, yaw_of
 from tricycle_core.stamps import SECOND, nanoseconds_of, seconds_of
 from tricycle_core.timing import TICK
 
@@ -473,7 +473,7 @@ class ManeuverDriver(Node):
         pose.header.frame_id = self._odom_frame
         position, orientation = pose.pose.position, pose.pose.orientation
         position.x, position.y = origin.x, origin.y
-        orientation.z, orientation.w = math.sin(origin.yaw / 2), math.cos(origin.yaw / 2)
+        orientation.z, orientation.w = about_vertical(origin.yaw)
         self._start.publish(pose)
         if self._static is not None:
             transform = TransformStamped(header=pose.header, child_frame_id=MANEUVER)

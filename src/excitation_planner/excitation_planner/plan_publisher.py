@@ -1,6 +1,5 @@
 """Publication of a plan on the latched `maneuver/*` topics, for every node that has plans."""
 
-import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -21,6 +20,7 @@ from tricycle_core.frames import BASE_LINK, MANEUVER
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED, overridable, time_message
 from tricycle_core.quantities import FloatArray
+from tricycle_core.rotations import about_vertical
 from tricycle_core.stamps import split_seconds
 
 
@@ -29,7 +29,7 @@ def _pose(x: float, y: float, yaw: float, time: float) -> PoseStamped:
     pose.header.frame_id = MANEUVER
     pose.header.stamp = time_message(time)
     pose.pose.position.x, pose.pose.position.y = x, y
-    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    pose.pose.orientation.z, pose.pose.orientation.w = about_vertical(yaw)
     return pose
 
 

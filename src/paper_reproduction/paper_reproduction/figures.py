@@ -93,10 +93,10 @@ def _predictions(data: Predictions) -> Figure:
     unit = "" if data.unit == "1" else f" / {data.unit}"
     low = min(float(pair[1].min()) for pair in data.validation.values())
     high = max(float(pair[1].max()) for pair in data.validation.values())
-    found = [np.abs(predicted - true) for predicted, true in data.validation.values()]
+    distances = [np.abs(predicted - true) for predicted, true in data.validation.values()]
     # a few errors are tiny by chance
-    smallest = min(float(np.quantile(error, 0.02)) for error in found)
-    bins = np.geomspace(max(smallest, 1e-300), max(float(e.max()) for e in found), 60).tolist()
+    smallest = min(float(np.quantile(error, 0.02)) for error in distances)
+    bins = np.geomspace(max(smallest, 1e-300), max(float(e.max()) for e in distances), 60).tolist()
     for i, (label, (predicted, true)) in enumerate(data.validation.items()):
         shown = slice(None, None, max(1, len(true) // 1500))
         r2 = data.statistics[label].r2

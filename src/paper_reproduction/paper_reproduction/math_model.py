@@ -263,11 +263,11 @@ def figure_6(budget: PaperBudget | None) -> Item[Convergence]:
     curves = {
         "Eqs. 9–10 on f, Sobol' sequence": (
             6.0 * sizes,
-            np.array([largest_error(found, exact) for found in monte_carlo]),
+            np.array([largest_error(indices, exact) for indices in monte_carlo]),
         ),
         "ours: Kriging and projection": (
             samples.astype(float),
-            np.array([largest_error(found, exact) for found in ours]),
+            np.array([largest_error(indices, exact) for indices in ours]),
         ),
     }
     if budget is not None:

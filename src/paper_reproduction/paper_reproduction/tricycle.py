@@ -216,10 +216,10 @@ class Tricycle:
             self._executor.submit(_indices, *self.simulator(family, 6), x, self._ours.samples)
             for family, x in maneuvers
         ]
-        found = _in_order(futures, progress)
+        results = _in_order(futures, progress)
         rows = {
             f"{family.replace('_', ' ')} ({x[0]:.2f}, {x[1]:.2f})": result
-            for (family, x), result in zip(maneuvers, found, strict=True)
+            for (family, x), result in zip(maneuvers, results, strict=True)
         }
         # what the others take part in is 1 less the closed index of the two
         shares = {label: 1.0 - float(result.total[2:].sum()) for label, result in rows.items()}
@@ -327,17 +327,19 @@ class Tricycle:
             for k in NUMBERS:
                 unknown = self.simulator(family, k)[1]
                 axis = unknown.index(target)
-                found = {name: wanted[target, k, name].result() for name in ("random", "designed")}
+                results = {
+                    name: wanted[target, k, name].result() for name in ("random", "designed")
+                }
                 bars = Bars(
                     unknown.names,
                     {"random": random, "designed": costs.best(target, k).x},
-                    found,
+                    results,
                     {
                         name: faithful_wanted[target, k, name].result().indices
-                        for name in found
+                        for name in results
                         if faithful_wanted
                     },
-                    {name: excitation_cost(r.main, r.total, axis) for name, r in found.items()},
+                    {name: excitation_cost(r.main, r.total, axis) for name, r in results.items()},
                 )
                 data[target, k] = bars
                 comparisons.append(_grows(target, k, axis, bars))
@@ -447,7 +449,7 @@ class Tricycle:
         box = FAMILIES[family].operation
         levels = np.linspace(0.0, 1.0, self._budget.levels)
         grid = np.stack(np.meshgrid(*[levels] * len(box), indexing="ij"), axis=-1)
-        found = {}
+        costs = {}
         for k in NUMBERS:
             f, unknown = self.simulator(family, k)
             evaluate = partial(_faithful_or_none, f, unknown, self._budget)
@@ -471,8 +473,8 @@ class Tricycle:
                     return given[-1]  # noqa: B023
 
                 direct(noted, [(0.0, 1.0)] * len(box), maxfun=200, vol_tol=0, len_tol=1e-4)
-                found[target, k] = np.array(asked), np.array(given)
-        return found
+                costs[target, k] = np.array(asked), np.array(given)
+        return costs
 
 
 _SEARCHES = (Search.DIRECT, Search.ADAPTIVE)

@@ -6,7 +6,7 @@ Its keys are the names of the fields below. Files of older versions may lack tho
 import json
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,16 @@ from parameter_identification.estimation.results import (
     Identification,
     NuisanceEstimate,
     Profile,
-    correlation_of,
 )
 from parameter_identification.many_drives import ManyDrives
-from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
+from tricycle_core.documents import (
+    decode,
+    encode,
+    finite_or_none,
+    parse_json,
+    read_bounded,
+    write_whole,
+)
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 
@@ -248,15 +254,15 @@ class IdentificationDocument:
         return values
 
 
-def document_of(found: Identification) -> IdentificationDocument:
-    """Return an identification without its samples.
+def document_of(found: Identification | ManyDrives) -> IdentificationDocument:
+    """Return an identification without its samples; drive by drive, less of it is known.
 
     Parameters
     ----------
-    found : Identification
-        Result of `identify`.
+    found : Identification or ManyDrives
+        Result of `identify` or `identify_many`.
     """
-    return IdentificationDocument(
+    document = IdentificationDocument(
         vehicle=found.vehicle,
         vehicle_hash=found.vehicle_hash,
         drives=tuple(drive.name for drive in found.drives),
@@ -266,16 +272,25 @@ def document_of(found: Identification) -> IdentificationDocument:
         covariance=found.covariance,
         correlation=found.correlation,
         fixed=found.fixed,
+        white=found.white,
+        seed=found.seed,
+        effects=found.effects,
+        scatter=finite_or_none(found.scatter),
+        measured=_names(found.measured),
+    )
+    if isinstance(found, ManyDrives):
+        return replace(document, left_out=found.left_out)
+    return replace(
+        document,
         hidden=found.hidden,
         noise={
             sensor.value: NoiseEntry(**vars(noise), unit=sensor.unit)
             for sensor, noise in found.noise.items()
         },
-        white=found.white,
         whiteness=tuple(
             WhitenessEntry(
                 **vars(test)
-                | {n: _known(getattr(test, n)) for n in ("correlation", "statistic", "p")}
+                | {n: finite_or_none(getattr(test, n)) for n in ("correlation", "statistic", "p")}
             )
             for test in found.whiteness
         ),
@@ -284,40 +299,9 @@ def document_of(found: Identification) -> IdentificationDocument:
         outliers=found.outliers,
         rivals=tuple(dict(zip(found.names, p.tolist(), strict=True)) for p in found.rivals),
         starts=Starts(*found.starts),
-        seed=found.seed,
         seconds=found.seconds,
-        effects=found.effects,
-        scatter=_known(found.scatter),
         missed=found.missed,
-        measured=_names(found.measured),
-        friction_used=_known(found.friction_used),
-    )
-
-
-def document_of_many(found: ManyDrives) -> IdentificationDocument:
-    """Return the same file's content of an identification drive by drive, as far as it has it.
-
-    Parameters
-    ----------
-    found : ManyDrives
-        Result of `identify_many`.
-    """
-    return IdentificationDocument(
-        vehicle=found.vehicle,
-        vehicle_hash=found.vehicle_hash,
-        drives=tuple(drive.name for drive in found.drives),
-        level=found.level,
-        parameters=_entries(found.parameters, found.truth),
-        others=_entries(found.others, found.truth),
-        covariance=found.covariance,
-        correlation=correlation_of(found.covariance),
-        fixed=found.fixed,
-        white=found.white,
-        seed=found.seed,
-        effects=found.effects,
-        scatter=_known(found.scatter),
-        measured=_names(found.measured),
-        left_out=found.left_out,
+        friction_used=finite_or_none(found.friction_used),
     )
 
 
@@ -329,10 +313,6 @@ def _entries(
 
 def _names(inputs: Collection[Input]) -> tuple[str, ...]:
     return tuple(one.value for one in Input if one in inputs)
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def save_identification_file(document: IdentificationDocument, path: Path) -> None:

@@ -18,7 +18,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.plan import Plan, load_plan
 from excitation_planner.planning import check_vehicle
-from parameter_identification.drives.measured import Sensor, commands_of
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.measured_from_bag import commands_of
 from parameter_identification.drives.poses import planar, stamp_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.prior import GaussianPrior
@@ -363,13 +364,13 @@ class IdentificationMonitor(Node):
         enough = self._enough(moment)
         if enough is not None:
             values["known"] = str(enough).lower()
-        for name, found in moment.parameters.items():
+        for name, parameter in moment.parameters.items():
             values |= {
-                name: f"{found.estimate:.6g}",
-                f"{name} std": f"{found.standard_deviation:.4g}",
+                name: f"{parameter.estimate:.6g}",
+                f"{name} std": f"{parameter.standard_deviation:.4g}",
             }
-            if found.planned is not None:
-                values[f"{name} planned std"] = f"{found.planned:.4g}"
+            if parameter.planned is not None:
+                values[f"{name} planned std"] = f"{parameter.planned:.4g}"
         if verdict is not None:
             values |= {
                 "ratio": f"{verdict.ratio:.3f}",

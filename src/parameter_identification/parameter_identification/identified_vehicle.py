@@ -91,7 +91,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
     doubt = ""
     if not found.white:
         doubt = ", but the residuals are not white: the model lacks something or a sensor drifts"
-    elif isinstance(found, Identification) and found.deviations:
+    elif found.deviations:
         names = ", ".join(effect.name for effect in found.deviations)
         doubt = f", but the vehicle moves as the model cannot ({names})"
     for name, estimate in {**found.parameters, **found.others}.items():

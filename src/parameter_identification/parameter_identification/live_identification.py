@@ -556,10 +556,10 @@ class LiveIdentification:
             if white and sensor not in drive.fit.noise:
                 yield f"no {sensor.value}"
             elif white:  # samples at another rate: the same information with other noise
-                found = drive.fit.noise[sensor].white * math.sqrt(rate / drive.fit.rate[sensor])
-                if found > NOISIER * white:
+                fitted = drive.fit.noise[sensor].white * math.sqrt(rate / drive.fit.rate[sensor])
+                if fitted > NOISIER * white:
                     unit = sensor.unit
-                    yield f"noise of {sensor.value} {found:.2g} {unit}, planned {white:.2g} {unit}"
+                    yield f"noise of {sensor.value} {fitted:.2g} {unit}, planned {white:.2g} {unit}"
 
     def _gaps(self, drive: "_Drive", end: float) -> Iterator[str]:
         """Messages on sensors of which samples of the drive were lost."""
@@ -610,8 +610,8 @@ class LiveIdentification:
         if drive.planned is not None:
             planned = drive.planned.at(elapsed).tolist()
         columns = (self._vehicle.unknown, values.tolist(), std.tolist(), planned)
-        found = {
+        parameters = {
             name: LiveEstimate(self._vehicle.unit(name), value, own, expected)
             for name, value, own, expected in zip(*columns, strict=True)
         }
-        return Moment(elapsed, found)
+        return Moment(elapsed, parameters)

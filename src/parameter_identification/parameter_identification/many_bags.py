@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from parameter_identification.drives.kept import content_key, is_kept, keep, positions_key
-from parameter_identification.drives.measured import read_measured_drive
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
 from parameter_identification.workers import each

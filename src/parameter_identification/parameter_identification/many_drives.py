@@ -13,11 +13,10 @@ scatter more than their noise explains, the deviations are therefore those of th
 are counted.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -32,8 +31,7 @@ from parameter_identification.estimation.mixture import Mixture, mixture_of
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.results import (
     EffectEstimate,
-    Estimate,
-    asked_for,
+    IdentifiedParameters,
     common_truth,
 )
 from parameter_identification.estimation.shares import DriveShare, FitSetting, first_fit
@@ -57,65 +55,22 @@ LOOKED_AT = 8  # drives from which start and noise are found
 RATE = 0.5  # standard deviation of a rate's prior, in ranges per unit of time
 
 
-@dataclass(frozen=True, eq=False)
-class ManyDrives:
-    """Parameters of a vehicle from many drives.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ManyDrives(IdentifiedParameters):
+    """Parameters from many drives; their intervals are those by linearisation.
+
+    Its effects are those that all drives have in common, and of deviations their sizes.
 
     Attributes
     ----------
-    parameters : mapping of str to Estimate
-        Estimate of each parameter, by name, with its interval by linearisation.
-    covariance : ndarray of float, shape (k, k)
-        Covariance of the estimates, in their units.
-    scatter : float
-        Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
-        10 drives. Far above 1 the drives contradict each other: the model lacks something.
     drives : tuple of DriveShare
-        At the estimate, in the order of the bags.
+        Each drive's share of the cost at the estimate, in the order of the bags.
     left_out : tuple of str
         Bags that were not used, with the reason.
-    truth : mapping of str to float
-        True values that all bags hold alike, where the drives were simulated.
-    vehicle, vehicle_hash : str
-        Name and hash of the vehicle file.
-    level : float
-        Probability of the intervals.
-    effects : tuple of EffectEstimate
-        Effects that all drives have in common; of deviations their sizes.
-    others : mapping of str to Estimate
-        Parameters that were not asked for, but estimated.
-    fixed : mapping of str to float
-        Parameters that were held at their nominal values: no interval counts an error in them.
-    measured : frozenset of Input
-        Inputs that moved as measured, not as the commands say.
-    seed : int
-        Seed of the starts.
     """
 
-    parameters: Mapping[str, Estimate]
-    covariance: FloatArray
-    scatter: float
     drives: tuple[DriveShare, ...]
     left_out: tuple[str, ...]
-    truth: Mapping[str, float]
-    vehicle: str
-    vehicle_hash: str
-    level: float
-    effects: tuple[EffectEstimate, ...] = ()
-    others: Mapping[str, Estimate] = field(default_factory=dict)
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    measured: frozenset[Input] = frozenset()
-    seed: int = 0
-
-    def only(self, names: Collection[str]) -> Self:
-        """Return the result for some of the parameters, the rest of which are its `others`.
-
-        Parameters
-        ----------
-        names : collection of str
-            Names of the parameters that are asked for.
-        """
-        return replace(self, **asked_for(self.parameters, self.covariance, names))
 
     @property
     def not_white(self) -> int:
@@ -251,7 +206,7 @@ def begin(
     """
     before = box_prior(vehicle, prior)
     jobs = [(own, vehicle, tuple(effects), before, seed) for own in files]
-    found = []
+    fits = []
     for own, (setting, at) in zip(files, each(executor, _begin, jobs), strict=True):
         shared, k, names = setting.shared, len(before.mean), list(vehicle.unknown)
         rates = tuple(names.index(name) for name in changing)
@@ -270,12 +225,10 @@ def begin(
         times = (
             np.array([since(beginning_of(file)) for file in own]) if rates else np.zeros(len(own))
         )
-        found.append(
-            VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates))))
-        )
+        fits.append(VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates)))))
         if progress is not None:
-            progress(len(found), len(files))
-    return found
+            progress(len(fits), len(files))
+    return fits
 
 
 def _begin(
@@ -363,19 +316,19 @@ def result_of(
     average : _Average, optional
         Over subsets of the effects.
     """
-    here, setting, at = fit.quadratic, fit.setting, fit.at
+    quadratic, setting, at = fit.quadratic, fit.setting, fit.at
     growth, factors = growth_of(fit, level)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
-        covariance = here.covariance()
+        covariance = quadratic.covariance()
     k, vehicle, bounds = len(setting.vehicle.unknown), setting.vehicle, fit.variables
     width = np.array([high - low for low, high in vehicle.unknown.values()])
     mixture = None if average is None else average.mixture
-    drives = here.shares
+    drives = quadratic.shares
     correction = corrected(
         at,
-        here,
+        quadratic,
         covariance,
         factors,
         bounds.prior_covariance[:k, :k],
@@ -402,14 +355,14 @@ def result_of(
     ]
     bags = {file: bag for bag, file in files.items()}
     names = _names_of([bags[file] for file in fit.files])
-    shares = [replace(s, name=name) for s, name in zip(here.shares, names, strict=True)]
+    shares = [replace(s, name=name) for s, name in zip(quadratic.shares, names, strict=True)]
     return ManyDrives(
         parameters=estimates,
         covariance=covariance[:k, :k] * np.outer(width, width),
         scatter=correction.scatter,
         drives=tuple(shares),
         left_out=tuple(left_out),
-        truth=common_truth(share.truth for share in here.shares),
+        truth=common_truth(share.truth for share in quadratic.shares),
         vehicle=vehicle.name,
         vehicle_hash=vehicle.fingerprint,
         level=level,

@@ -336,9 +336,9 @@ def descend(
         if not trials:
             return
         moved = [fit for i in trials for fit in searches[i].fits]
-        found = iter(evaluate(moved, list(itertools.chain(*trials.values())), executor))
+        evaluated = iter(evaluate(moved, list(itertools.chain(*trials.values())), executor))
         for i, points in trials.items():
-            search, costs = searches[i], list(itertools.islice(found, len(points)))
+            search, costs = searches[i], list(itertools.islice(evaluated, len(points)))
             if search.total(costs) < search.total([fit.quadratic for fit in search.fits]):
                 lengths[i] = 1.0
                 for fit, point, cost in zip(search.fits, points, costs, strict=True):

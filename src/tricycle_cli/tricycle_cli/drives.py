@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trajectory_recorder.bag.location import is_remote
-from tricycle_cli.arguments import topics_of
+from tricycle_cli.options import topics_of
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import IdentificationError
 
@@ -70,7 +70,7 @@ def read_drives(args: Namespace, vehicle: Vehicle, columns: Columns | None) -> R
     BagError
         If a bag cannot be read.
     """
-    from parameter_identification.drives.measured import read_measured_drive
+    from parameter_identification.drives.measured_from_bag import read_measured_drive
     from parameter_identification.drives.windows import Windows
 
     topics = topics_of(args)

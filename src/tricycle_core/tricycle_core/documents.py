@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 import re
 import threading
@@ -255,6 +256,22 @@ def separator_of(lines: Iterable[str]) -> str:
     """
     header = next((line for line in lines if line.strip()), "")
     return max(",;\t", key=header.count)
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number as JSON can hold it: None instead of NaN and of infinite numbers.
+
+    Parameters
+    ----------
+    value : float
+        Number of a document; NaN means that it is not known.
+
+    Examples
+    --------
+    >>> finite_or_none(math.nan) is None
+    True
+    """
+    return value if math.isfinite(value) else None
 
 
 def encode(document: object) -> Any:

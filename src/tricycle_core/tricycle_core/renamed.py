@@ -13,7 +13,7 @@ from types import ModuleType
 RENAMED = {
     "excitation_planner.steering_maneuver": "excitation_planner.maneuver.steering",
     "parameter_identification.judge": "parameter_identification.judging.judgement",
-    "parameter_identification.measured_drive": "parameter_identification.drives.measured",
+    "parameter_identification.measured_drive": "parameter_identification.drives.measured_from_bag",
     "tricycle_bridge.command_messages": "tricycle_bridge.commands.command_messages",
     "tricycle_bridge.command_stream": "tricycle_bridge.commands.command_stream",
     "tricycle_bridge.command_thread": "tricycle_bridge.commands.command_thread",

@@ -43,6 +43,22 @@ def yaw_of(q: Quaternion) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
+def about_vertical(yaw: float) -> tuple[float, float]:
+    """Return z and w of the unit quaternion of a yaw angle; its x and y are 0.
+
+    Parameters
+    ----------
+    yaw : float
+        Angle [rad].
+
+    Examples
+    --------
+    >>> about_vertical(math.pi)[0]
+    1.0
+    """
+    return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+
+
 def roll_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
     """Return the roll angle [rad], shape (...).
 

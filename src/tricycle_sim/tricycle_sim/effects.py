@@ -14,7 +14,7 @@ missing.
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -225,7 +225,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
         If a name is not one of an effect.
     """
     check_effects(names)
-    found = []
+    effects = []
     extended = extend(vehicle, _extensions(vehicle))
     for name, unit, std, choices in _OF_CONSTANTS:
         if option_of(name) not in names:
@@ -245,7 +245,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             per_drive = name.startswith("slope")
             parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
             step = max(_COARSE.get(constant, Effect.step) for constant in owned)
-            found.append(
+            effects.append(
                 Effect(
                     *(name, unit, std, change, parts, low, high, per_drive),
                     step=step,
@@ -259,8 +259,8 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             if "servo_delay" in vehicle.unknown:
                 continue
             e = dataclasses.replace(e, low=-vehicle.values.get("servo_delay", 0.0))
-        found.append(e)
-    return tuple(found)
+        effects.append(e)
+    return tuple(effects)
 
 
 def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:
@@ -298,29 +298,36 @@ def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
     return dataclasses.replace(vehicle, unknown=unknown)
 
 
-def add_effects(
-    points: FloatArray,
-    place: Mapping[str, int],
+def affected_constants(
+    affected: Vehicle,
+    names: Iterable[str],
+    parameters: FloatArray,
     effects: Sequence[Effect],
     values: Mapping[str, FloatArray],
-) -> None:
-    """Add the changes that effects make to the constants of vehicles, in place.
+) -> FloatArray:
+    """Return the unknown constants (n, K) of n vehicles with effects.
 
     Parameters
     ----------
-    points : ndarray of float, shape (n, k)
-        Values of the unknown parameters of `with_effects`.
-    place : mapping of str to int
-        Column of each constant.
+    affected : Vehicle
+        Nominal vehicle from `with_effects`, of which K constants are unknown.
+    names : iterable of str, length k
+        Names of the parameters: the unknown constants of the vehicle without the effects.
+    parameters : ndarray of float, shape (n, k)
+        Parameters of the vehicles, in their units; the effects change them further.
     effects : sequence of Effect
         Effects on the vehicle.
     values : mapping of str to ndarray of float, shape (n,)
         Value of each effect by its name, in its unit; an effect without a value does not act.
     """
+    place = {name: i for i, name in enumerate(affected.unknown)}
+    constants = np.tile(affected.nominal_point(), (len(parameters), 1))
+    constants[:, [place[name] for name in names]] = parameters
     for e in effects:
         if e.name in values:
             for constant, change in e.constants.items():
-                points[:, place[constant]] += change * values[e.name]
+                constants[:, place[constant]] += change * values[e.name]
+    return constants
 
 
 def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle, frozenset[str]]:

@@ -24,6 +24,7 @@ from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import ExcitationError, LinkError, VehicleError
 from tricycle_core.frames import BASE_LINK, ODOM
 from tricycle_core.nodes import RECORDED, declare, ending, overridable, run_node, time_message
+from tricycle_core.rotations import about_vertical
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.installed import plant_by_name
@@ -272,8 +273,7 @@ class TricycleSim(Node):
         pose = measure_pose(state, self._noise, self._rng)
         odom = _odometry(stamp)
         odom.pose.pose.position.x, odom.pose.pose.position.y = pose.x + self._jump, pose.y
-        half = 0.5 * pose.yaw
-        odom.pose.pose.orientation.z, odom.pose.pose.orientation.w = math.sin(half), math.cos(half)
+        odom.pose.pose.orientation.z, odom.pose.pose.orientation.w = about_vertical(pose.yaw)
         odom.twist.twist.linear.x, odom.twist.twist.linear.y = pose.vx, pose.vy
         odom.twist.twist.angular.z = pose.yaw_rate
         noise = self._noise

@@ -155,7 +155,7 @@ def _raises(x, P):
             "f must return real numbers, NaN where it failed; not complex128",
         ),
         (interior, {"budget": 2e3}, r"budget = 2000\.0: a whole number is needed"),
-        (interior, {"seed": -1}, "seed = -1: must be 0 or more"),
+        (interior, {"seed": -1}, "seed = -1: must be a whole number, 0 or more"),
         (interior, {"samples": 4}, "samples = 4"),
         (interior, {"budget": 190}, "budget = 190 is too small"),
         (interior, {"noise_variance": -1.0}, "noise variance -1"),

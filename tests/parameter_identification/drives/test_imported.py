@@ -7,7 +7,8 @@ import pytest
 from simulated_drives import VEHICLE, commands_of_pair, driven
 
 from parameter_identification.drives.imported import recording_of, write_bag
-from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
+from parameter_identification.drives.measured import Input, Sensor
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise

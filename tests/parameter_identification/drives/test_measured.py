@@ -15,11 +15,13 @@ from parameter_identification.drives.measured import (
     MeasuredDrive,
     Sensor,
     Signal,
+    resolved,
+    usable,
+)
+from parameter_identification.drives.measured_from_bag import (
     commands_of,
     measured_drive,
     read_measured_drive,
-    resolved,
-    usable,
 )
 from parameter_identification.drives.reader import read_drive
 from trajectory_recorder.bag.topics import jazzy

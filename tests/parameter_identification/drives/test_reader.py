@@ -19,7 +19,7 @@ from driven_bags import (
     velocities,
 )
 
-from parameter_identification.drives.measured import measured_drive, read_measured_drive
+from parameter_identification.drives.measured_from_bag import measured_drive, read_measured_drive
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.judging.judgement import judge, judge_drive

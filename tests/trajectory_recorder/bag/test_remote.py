@@ -10,7 +10,7 @@ from driven_bags import VEHICLE, SimulatedBag
 from web_server import WebServer
 
 from parameter_identification.drives.kept import content_key
-from parameter_identification.drives.measured import read_measured_drive
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from trajectory_recorder.bag import location, remote
 from trajectory_recorder.bag.location import bag_path
 from trajectory_recorder.bag.reader import BagReader

@@ -14,7 +14,7 @@ from fsspec.implementations.sftp import SFTPFileSystem
 from sftp_server import SftpServer
 
 from parameter_identification.drives.kept import content_key
-from parameter_identification.drives.measured import read_measured_drive
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from trajectory_recorder.bag import location, remote
 from trajectory_recorder.bag.location import bag_path
 from trajectory_recorder.bag.reader import BagReader

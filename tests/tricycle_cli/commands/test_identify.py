@@ -106,7 +106,15 @@ def test_no_report_of_an_earlier_identification_stays_beside_new_numbers(
     wide = {n: Estimate("", low, 0.1, low, up, (low, up), (low, up), False)
             for n, (low, up) in VEHICLE.unknown.items()}  # fmt: skip
     found = ManyDrives(
-        wide, np.eye(len(wide)), 1.0, (), (), {}, VEHICLE.name, VEHICLE.fingerprint, 0.95
+        vehicle=VEHICLE.name,
+        vehicle_hash=VEHICLE.fingerprint,
+        parameters=wide,
+        covariance=np.eye(len(wide)),
+        scatter=1.0,
+        truth={},
+        level=0.95,
+        drives=(),
+        left_out=(),
     )
     monkeypatch.setattr(many_drives, "identify_many", lambda *_, **__: found)
     for name in ("report.html", "lack.png", "notes.txt"):
@@ -126,9 +134,18 @@ def test_the_file_has_what_drive_by_drive_knows(tricycle, tmp_path, monkeypatch,
     def identified(_bags, vehicle, *, seed, **_):
         assert list(vehicle.unknown) == ["cornering_stiffness"]
         return ManyDrives(
-            {"cornering_stiffness": estimate}, np.array([[25.0]]), 1.2, (), ("x: is no bag",), {},
-            vehicle.name, vehicle.fingerprint, 0.95, measured=frozenset({Input.SPEED}), seed=seed,
-        )  # fmt: skip
+            vehicle=vehicle.name,
+            vehicle_hash=vehicle.fingerprint,
+            parameters={"cornering_stiffness": estimate},
+            covariance=np.array([[25.0]]),
+            scatter=1.2,
+            truth={},
+            level=0.95,
+            measured=frozenset({Input.SPEED}),
+            seed=seed,
+            drives=(),
+            left_out=("x: is no bag",),
+        )
 
     monkeypatch.setattr(many_drives, "identify_many", identified)
     of_one = "--parameters", "cornering-stiffness", "--hold-others", "--seed", 7, "--json"

@@ -197,7 +197,15 @@ def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
 
     drives = share("whole", complete=True), share("torn", complete=False)
     vehicle = ManyDrives(
-        FOUND.parameters, FOUND.covariance, 1.0, drives, (), {}, "tricycle", "abc", 0.95
+        vehicle="tricycle",
+        vehicle_hash="abc",
+        parameters=FOUND.parameters,
+        covariance=FOUND.covariance,
+        scatter=1.0,
+        truth={},
+        level=0.95,
+        drives=drives,
+        left_out=(),
     )
     (line,) = (line for line in remarks_on_many(vehicle) if "not whole" in line)
     assert line.endswith(": 1 (torn)")

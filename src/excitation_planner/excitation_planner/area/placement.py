@@ -81,25 +81,25 @@ def best_placement(tube: shapely.Polygon, area: Area, *, enough: float = math.in
     rng = np.random.default_rng(0)  # the same pose for the same tube
     low, high, around = _limits(area)
     poses = rough.best(_grid(low, high, around), CANDIDATES)
-    found = fine.clearance(poses)
-    best = _best(found, STARTS)
-    poses, found = poses[best], found[best]
+    clearances = fine.clearance(poses)
+    best = _best(clearances, STARTS)
+    poses, clearances = poses[best], clearances[best]
     reach = np.maximum((high - low) / np.array([PLACES, PLACES, HEADINGS]), 0.0)
     for _ in range(ROUNDS):
-        if found.max() > enough:
+        if clearances.max() > enough:
             break
         steps = rng.uniform(-1.0, 1.0, (len(poses), STEPS, 3)) * reach
         tried = np.clip(poses[:, None] + steps, low, high)
         values = fine.clearance(tried.reshape(-1, 3)).reshape(len(poses), STEPS)
         pick = np.argmax(values, axis=1)
-        better = values[np.arange(len(poses)), pick] > found
+        better = values[np.arange(len(poses)), pick] > clearances
         poses = np.where(better[:, None], tried[np.arange(len(poses)), pick], poses)
-        found = np.maximum(found, values.max(axis=1))
+        clearances = np.maximum(clearances, values.max(axis=1))
         reach = 0.6 * reach
-    x, y, heading = poses[np.argmax(found)].tolist()
+    x, y, heading = poses[np.argmax(clearances)].tolist()
     clearance = clearance_of(np.array([at_pose(tube, x, y, heading)]), area)
     if math.isinf(clearance):
-        clearance = min(float(found.max()), 0.0)
+        clearance = min(float(clearances.max()), 0.0)
     return Placement(x, y, float(np.angle(np.exp(1j * heading))), clearance)
 
 

@@ -83,7 +83,7 @@ def best_combinations(
     shape, simulations = k + beside.shared, 0
     points, total = np.empty((1, 0)), np.zeros((1, draws, shape, shape))
     for simulate, box in zip(maneuvers.simulators, maneuvers.operations, strict=True):
-        singles, found = [], []
+        singles, singles_information = [], []
         for u in _singles(len(box), seed):
             try:
                 Y = simulate(box.from_unit(u), P)
@@ -91,13 +91,13 @@ def best_combinations(
                 continue
             simulations += len(P)
             singles.append(u)
-            found.append(information(U, Y, noise, beside))
+            singles_information.append(information(U, Y, noise, beside))
         if not singles:
             return np.empty((0, len(maneuvers.operation))), simulations
         points = np.hstack(
             [np.repeat(points, len(singles), axis=0), np.tile(singles, (len(points), 1))]
         )
-        total = (total[:, None] + np.array(found)).reshape(-1, draws, shape, shape)
+        total = (total[:, None] + np.array(singles_information)).reshape(-1, draws, shape, shape)
         costs = _costs(total, criterion, target, prior, beside)
         best = np.argsort(costs, kind="stable")[:KEPT]
         best = best[np.isfinite(costs[best])]

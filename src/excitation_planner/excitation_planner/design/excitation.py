@@ -353,9 +353,9 @@ def search_design(
             if new:
                 judged = evaluate_all(list(new.values()), False)
                 known |= zip(new, (verified.evaluation for verified in judged), strict=True)
-            found = [known[key] for key, _ in points]
-            history += found
-            X = steps.send(found)
+            evaluated = [known[key] for key, _ in points]
+            history += evaluated
+            X = steps.send(evaluated)
     except StopIteration:
         pass
     finally:

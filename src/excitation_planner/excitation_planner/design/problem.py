@@ -18,6 +18,7 @@ from excitation_planner.choice import Choice
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.indices.sampling import check_seed
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -170,12 +171,11 @@ class DesignProblem:
             raise DesignError(f"prior: must be about {self._names}")
         if self.criterion is Criterion.H and self.beside.steps:
             raise DesignError("criterion h counts nothing beside the parameters; c, d and a do")
-        for name in ("samples", "draws", "budget", "seed"):
+        for name in ("samples", "draws", "budget"):
             value = getattr(self, name)
             if not isinstance(value, int | np.integer) or isinstance(value, bool):
                 raise DesignError(f"{name} = {value!r}: a whole number is needed")
-        if self.seed < 0:
-            raise DesignError(f"seed = {self.seed}: must be 0 or more")
+        check_seed(self.seed)
         if self.draws < 1:
             raise DesignError(f"draws = {self.draws}: at least one is needed")
         self.unknown.check_samples(self.samples)

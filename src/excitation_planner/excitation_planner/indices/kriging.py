@@ -143,12 +143,12 @@ class Kriging:
                 options={"ftol": 1e-5, "maxiter": 25} if enough else {"ftol": 1e-8, "maxiter": 100},
             )
 
-        found = likeliest(starts)
-        self._fit_at(found.x, X, y)
+        optimum = likeliest(starts)
+        self._fit_at(optimum.x, X, y)
         if self.leave_one_out_q2() < _POOR:
             high[-1] = np.log(_MOST_NOISE)
             tried = [likeliest(_later_starts(k, nugget)) for nugget in _NOISES]
-            self._fit_at(min([found, *tried], key=lambda found: found.fun).x, X, y)
+            self._fit_at(min([optimum, *tried], key=lambda result: result.fun).x, X, y)
         return self
 
     def _fit_at(self, theta: FloatArray, X: FloatArray, y: FloatArray) -> None:

@@ -11,7 +11,25 @@ import numpy as np
 
 from excitation_planner.box import Box
 from excitation_planner.indices.direction_numbers import AXES, BITS, direction_numbers
+from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
+
+
+def check_seed(seed: object) -> None:
+    """Raise if a value cannot be the seed of samples.
+
+    Parameters
+    ----------
+    seed : object
+        What was given as the seed.
+
+    Raises
+    ------
+    DesignError
+        If it is not a whole number, or below 0.
+    """
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise DesignError(f"seed = {seed!r}: must be a whole number, 0 or more")
 
 
 def sobol_sequence(n: int, k: int, *, seed: int | None = 0) -> FloatArray:

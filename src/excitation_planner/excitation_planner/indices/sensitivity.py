@@ -16,7 +16,7 @@ from excitation_planner.box import Bounds, Box
 from excitation_planner.indices.figure import draw_indices
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
-from excitation_planner.indices.sampling import parameter_samples
+from excitation_planner.indices.sampling import check_seed, parameter_samples
 from excitation_planner.indices.sobol import Indices, sobol_indices
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError, InfeasibleManeuver
@@ -179,8 +179,7 @@ def sensitivity(
     (array([0.31, 0.44, 0.  ]), array([0.56, 0.44, 0.24]))
     """
     unknown, infill_by = Box.of(unknown), Infill(infill_by)
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise DesignError(f"seed = {seed}: must be a whole number, 0 or more")
+    check_seed(seed)
     if batch < 1 or infill < 0:
         raise DesignError(f"infill = {infill}, batch = {batch}: 0 or more, in batches of 1 or more")
     with THREADPOOLS.limit(limits=1):

@@ -31,7 +31,7 @@ from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
     SERVO_DEAD_TIME,
     Effect,
-    add_effects,
+    affected_constants,
     as_sensed,
     effects_of,
     with_effects,
@@ -152,19 +152,16 @@ def replayed(
     every, rest = round(PERIOD / TICK), round(STANDSTILL / PERIOD)
     affected, n, k = with_effects(vehicle, effects), len(parameters), len(vehicle.unknown)
     batch = CommandedBatch(affected, commands)
-    place = {name: i for i, name in enumerate(affected.unknown)}
-    points = np.tile(affected.nominal_point(), (n, 1))
-    points[:, [place[name] for name in vehicle.unknown]] = parameters[:, :k]
     values = {e.name: e.std * parameters[:, k + i] for i, e in enumerate(effects)}
-    add_effects(points, place, effects, values)
+    constants = affected_constants(affected, vehicle.unknown, parameters[:, :k], effects, values)
     steering, drive = values.get(SERVO_DEAD_TIME), values.get(DRIVE_DEAD_TIME, np.zeros(n))
     motion = dict.fromkeys([*columns, *(SENSED if effects else ())])
-    found = np.empty((n, rest + len(batch.time[::every]), len(columns)))
+    trajectories = np.empty((n, rest + len(batch.time[::every]), len(columns)))
     for later in np.unique(drive):  # which all vehicles of a batch have in common
         alike = np.flatnonzero(drive == later)
         for rows in np.split(alike, range(BLOCK, len(alike), BLOCK)):
             run = batch.run(
-                points[rows],
+                constants[rows],
                 tuple(motion),
                 every=every,
                 steering_delay=None if steering is None else steering[rows],
@@ -176,10 +173,10 @@ def replayed(
                 x, y, yaw = (seen[name] for name in SENSED)
                 seen |= dict(zip(SENSED, as_sensed(x, y, yaw, of_rows), strict=True))
             for channel, name in enumerate(columns):
-                found[rows, rest:, channel] = seen[name]
-            found[rows[run.feasibility.rolled_over.happened], rest:] = np.nan
-    found[:, :rest] = found[:, rest : rest + 1]
-    return found
+                trajectories[rows, rest:, channel] = seen[name]
+            trajectories[rows[run.feasibility.rolled_over.happened], rest:] = np.nan
+    trajectories[:, :rest] = trajectories[:, rest : rest + 1]
+    return trajectories
 
 
 def predicted_covariance(
@@ -263,14 +260,14 @@ def predicted_progress(
     unknown, noise = Box.of(dict(vehicle.unknown)), plan.noise.of_trajectory
     time = np.append(np.arange(0.0, plan.commands.duration, 1.0), plan.commands.duration)
     effects = planned_effects(vehicle, plan.effects)
-    found, beside = list[FloatArray](), beside_parameters(effects)
+    trajectories, beside = list[FloatArray](), beside_parameters(effects)
 
     def std(end: float) -> FloatArray:
         def until_then(_: FloatArray, parameters: FloatArray) -> FloatArray:
-            if not found:  # the parameters are always the same
+            if not trajectories:  # the parameters are always the same
                 columns = plan.noise.channels
-                found.append(replayed(vehicle, plan.commands, columns, parameters, effects))
-            return found[0][:, : round((STANDSTILL + end) / PERIOD) + 1]
+                trajectories.append(replayed(vehicle, plan.commands, columns, parameters, effects))
+            return trajectories[0][:, : round((STANDSTILL + end) / PERIOD) + 1]
 
         covariance = predicted_covariance(
             (until_then,),

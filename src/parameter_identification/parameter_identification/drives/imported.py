@@ -12,12 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from parameter_identification.drives.measured import (
-    FROM_POSES,
-    SPEED_SOURCE,
-    MeasuredDrive,
-    Sensor,
-)
+from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.drives.measured_from_bag import FROM_POSES, SPEED_SOURCE
 from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.recorded import IMPORTED_FROM
 from parameter_identification.drives.samples import Samples
@@ -30,6 +26,7 @@ from tricycle_core.frames import BASE_LINK, ODOM
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
+from tricycle_core.rotations import about_vertical
 from tricycle_core.stamps import SECOND, split_seconds
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -254,8 +251,7 @@ def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
 
 def _pose(x: float, y: float, heading: float | None) -> Any:
     """Pose; the quaternion is zero, which is none, where there is no heading."""
-    half = 0.0 if heading is None else 0.5 * float(heading)
-    z, w = (0.0, 0.0) if heading is None else (math.sin(half), math.cos(half))
+    z, w = (0.0, 0.0) if heading is None else about_vertical(float(heading))
     return _message(
         "geometry_msgs/msg/Pose",
         position=_message("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0),

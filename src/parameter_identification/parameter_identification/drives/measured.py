@@ -1,36 +1,27 @@
 """Drives as an identification needs them: the commands, and the signals of the sensors.
 
-A bag gives one (`read_measured_drive`), and so does a simulation (`drives.simulated.measure`), so
-that the estimator cannot tell them apart. Times are seconds since the start event, at which row 0
+A bag gives one (`drives.measured_from_bag`), and so does a simulation (`drives.simulated`), so that
+the estimator cannot tell them apart. Times are seconds since the start event, at which row 0
 of the commands was played; samples before it, at standstill, show the start pose and a gyro's bias.
 Letters of shapes: `m` samples of a signal, `c` channels.
 """
 
-import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from excitation_planner.design.noise import STANDSTILL
 from parameter_identification.drives.poses import PlanarTrajectory
-from parameter_identification.drives.reader import read_drive
-from parameter_identification.drives.recorded import RecordedDrive, TopicNames
 from parameter_identification.drives.samples import MAX_GAP, Samples, common_times
-from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
-from tricycle_core.joint_trajectory import rows_of
+from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
-from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
 MIN_SAMPLES = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
 LATEST_SPEED = 1.5  # s from rest to its first speed: a sensor of pulses does not tell slow ones
-SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag
 
 
 class Sensor(Enum):
@@ -258,104 +249,6 @@ class MeasuredDrive:
         return frozenset(found)
 
 
-def read_measured_drive(
-    bag: Path | str, vehicle: Vehicle, *, topics: TopicNames | None = None
-) -> MeasuredDrive:
-    """Read a drive from a bag; `measured_drive` takes one that was read already.
-
-    Parameters
-    ----------
-    bag : Path or str
-        rosbag2 directory, ``.mcap`` or ``.db3`` file.
-    vehicle : Vehicle
-        Vehicle that drove; its tyre radius turns wheel rates into speeds.
-    topics : TopicNames, optional
-        Names of the topics, where they differ from the suite's.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read.
-    JudgeError
-        If it holds no single maneuver with reference, start event and poses.
-    IdentificationError
-        If it holds no commands.
-    """
-    return measured_drive(read_drive(bag, topics=topics), vehicle)
-
-
-def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
-    """Return the commands and signals of a recorded drive, as an identification needs them.
-
-    Parameters
-    ----------
-    drive : RecordedDrive
-        From `read_drive` with its sensors.
-    vehicle : Vehicle
-        Vehicle that drove; its tyre radius turns wheel rates into speeds.
-
-    Raises
-    ------
-    JudgeError
-        If a sensor's value is infinite. NaN means not measured, and is skipped.
-    IdentificationError
-        If it holds no commands, or its set-points of the speed were made from its poses.
-    """
-    if drive.metadata.get(SPEED_SOURCE) == FROM_POSES:
-        raise IdentificationError(
-            f"{drive.bag}: its table has no speed_command: the set-points were made from its "
-            "poses, for the nominal vehicle, and would be taken for knowledge of the one that "
-            "drove; identify from the table: `tricycle identify TABLE --columns MAPPING`"
-        )
-    if drive.commands is None:
-        raise IdentificationError(
-            f"{drive.bag} holds no topic {drive.topics.commands}: without commands there is no "
-            "model of the drive"
-        )
-    commands = commands_of(drive.commands, vehicle, str(drive.bag))
-    if drive.lead_in is not None:
-        commands = drive.lead_in.in_place(commands)
-    if drive.ended_early is not None:
-        commands = commands.until(drive.ended_early)
-    poses = drive.poses
-    signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
-    if np.isfinite(poses.heading).all():
-        signals[Sensor.HEADING] = Signal(poses.time, poses.heading[:, None])
-    optional: list[tuple[Sensor, FloatArray, FloatArray]] = []
-    if (imu := drive.imu) is not None:
-        optional += [
-            (Sensor.YAW_RATE, imu.time, imu.yaw_rate),
-            (Sensor.LATERAL_ACCELERATION, imu.time, imu.lateral_acceleration),
-        ]
-    if (joints := drive.joint_states) is not None:
-        optional.append((Sensor.WHEEL_SPEED, joints.time, joints.wheel_rate))
-        if np.nan_to_num(joints.motor_torque).any():  # drivers that measure none write zeros
-            optional.append((Sensor.MOTOR_TORQUE, joints.time, joints.motor_torque))
-    for sensor, time, values in optional:
-        if (there := ~np.isnan(values)).any():
-            samples = _samples(drive.bag, sensor.value, time[there], values[there])
-            signals[sensor] = Signal(samples.time, samples.values[:, None], STAMP_JITTER[sensor])
-    wheels = {
-        w.name: drive.wheel_rates[w.name] for w in vehicle.wheels if w.name in drive.wheel_rates
-    }
-    if wheels:
-        signals[Sensor.WHEEL_SPEEDS] = of_wheels(wheels)
-    end = commands.duration
-    signals = {sensor: signal.between(-STANDSTILL, end) for sensor, signal in signals.items()}
-    if Sensor.WHEEL_SPEED in signals:  # before the start, it may have begun at any speed
-        signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
-    return MeasuredDrive(
-        name=drive.bag.stem,
-        commands=commands,
-        signals=usable(signals, vehicle),
-        reference=drive.reference,
-        truth=_truth(drive.metadata),
-        complete=drive.complete,
-        began=drive.recorded / SECOND,
-        steering_angle=_steering_angle(drive, end),
-    )
-
-
 def of_wheels(wheels: Mapping[str, Samples]) -> Signal:
     """Return the speeds of single wheels as one signal, at the times at which all are known.
 
@@ -399,38 +292,10 @@ def usable(signals: Mapping[Sensor, Signal], vehicle: Vehicle) -> dict[Sensor, S
     return found
 
 
-def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
-    """True values that a simulation left in the bag's record as ``true_<parameter>``."""
-    truth = {}
-    for key, value in metadata.items():
-        if key.startswith("true_"):
-            with contextlib.suppress(ValueError):
-                truth[key.removeprefix("true_")] = float(value)
-    return truth
-
-
-def _steering_angle(drive: RecordedDrive, end: float) -> Samples | None:
-    """Measured angle of the steering motor up to an end."""
-    if (joints := drive.joint_states) is None:
-        return None
-    there = (joints.time >= 0.0) & (joints.time <= end) & ~np.isnan(joints.steering_motor_angle)
-    time, angle = joints.time[there], joints.steering_motor_angle[there]
-    return _samples(drive.bag, "steering angle", time, angle) if len(time) else None
-
-
 def _throughout(time: FloatArray, begin: float, end: float) -> bool:
     """Whether there is no long gap between samples from a time to another one."""
     there = time[(time >= begin) & (time <= end)]
     return bool(np.diff(there, prepend=begin, append=end).max() <= MAX_GAP)
-
-
-def _samples(bag: Path, what: str, stamps: FloatArray, values: FloatArray) -> Samples:
-    """Samples (m,) at stamps (m,) s in their order; a stamp counts once."""
-    time, first = np.unique(stamps, return_index=True)
-    values = values[first]
-    if (wrong := ~np.isfinite(values)).any():
-        raise JudgeError(f"{bag}: {what} at {time[wrong][0]:.3f} s is not a number")
-    return Samples(time, values)
 
 
 def resolved(speeds: Signal) -> Signal:
@@ -456,27 +321,3 @@ def resolved(speeds: Signal) -> Signal:
         return speeds
     seen = sizes >= RESOLVED * low[widest + 1]
     return Signal(speeds.time[seen], speeds.values[seen], PULSE_JITTER)
-
-
-def commands_of(message: Any, vehicle: Vehicle, where: str) -> Commands:
-    """Return the commands that a message of `maneuver/commands` holds.
-
-    Parameters
-    ----------
-    message : JointTrajectory message
-        Message as rosbags or rclpy gives it.
-    vehicle : Vehicle
-        Vehicle to drive; its tyre radius turns wheel rates into speeds.
-    where : str
-        For messages.
-
-    Raises
-    ------
-    IdentificationError
-        If a joint or a value is missing, or the commands are none.
-    """
-    try:
-        time, angle, rate = rows_of(message).T
-        return Commands(time, angle, rate * vehicle.driven_radius)
-    except (ValueError, IndexError, CommandsError) as error:
-        raise IdentificationError(f"{where}: commands: {error}") from error

@@ -372,10 +372,10 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
     OSError
         If the file cannot be read.
     """
-    path, found = Path(path), columns.entries()
-    headings = {c.column for c in found.values()} | {c.clock for c in found.values() if c.clock}
+    path, entries = Path(path), columns.entries()
+    headings = {c.column for c in entries.values()} | {c.clock for c in entries.values() if c.clock}
     for name in ("time", "x", "y", "yaw"):
-        if name in found and found[name].clock:
+        if name in entries and entries[name].clock:
             raise IdentificationError(
                 f"{path}: {name}: takes no clock: poses are timed by `time`, and where rows repeat "
                 "them, their cells must be empty"
@@ -383,46 +383,46 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
     table = _read_table(path, headings)
     si = {
         name: table[c.column] * units_of(name)[c.unit] / _radius(name, c, vehicle, str(path))
-        for name, c in found.items()
+        for name, c in entries.items()
     }
     for name, values in si.items():
         if name != "time" and (beyond := np.flatnonzero(np.abs(values) > LARGEST)).size:
-            row, unit = beyond[0], found[name].unit
-            value = table[found[name].column][row]
+            row, entry = beyond[0], entries[name]
+            value = f"{table[entry.column][row]:g} {entry.unit}"
             raise IdentificationError(
-                f"{path}: row {row + 1}: {found[name].column}: {value:g} {unit} cannot be measured "
+                f"{path}: row {row + 1}: {entry.column}: {value} cannot be measured "
                 f"(more than {LARGEST:g} in SI units): mend the table, or leave the cell empty"
             )
     clock = si.pop("time")
     if (lacking := np.flatnonzero(np.isnan(clock))).size > UNTIMED * len(clock):
         raise IdentificationError(
-            f"{path}: {found['time'].column}: is empty in {len(lacking)} of {len(clock)} rows (the "
-            f"first is row {lacking[0] + 1}): rows need a time"
+            f"{path}: {entries['time'].column}: is empty in {len(lacking)} of {len(clock)} rows "
+            f"(the first is row {lacking[0] + 1}): rows need a time"
         )
-    rows = _at_new_times(np.arange(len(clock)), clock, f"{path}: {found['time'].column}")
+    rows = _at_new_times(np.arange(len(clock)), clock, f"{path}: {entries['time'].column}")
     start = float(clock[rows[0]])
     time = clock[rows] - start
     pose = np.column_stack([si.pop(name)[rows] for name in ("x", "y", "yaw") if name in si])
-    there = np.isfinite(pose).all(axis=1)
-    if np.count_nonzero(there) < 2:
+    complete = np.isfinite(pose).all(axis=1)
+    if np.count_nonzero(complete) < 2:
         raise IdentificationError(
             f"{path}: no two rows have {', '.join(('x', 'y', 'yaw')[: pose.shape[1]])}"
         )
-    pose = _pose_of_com(pose[there], columns.sensor, str(path))
+    pose = _pose_of_com(pose[complete], columns.sensor, str(path))
     samples = {}
     for name, values in si.items():
-        own = found[name].clock
+        own = entries[name].clock
         if own:
             samples[name] = _by_own_clock(values, table[own], rows, time, f"{path}: {own}")
         else:
             known = np.isfinite(values[rows])
             samples[name] = Samples(time[known], values[rows][known])
         if not len(samples[name].time):
-            raise IdentificationError(f"{path}: {found[name].column}: holds no number")
+            raise IdentificationError(f"{path}: {entries[name].column}: holds no number")
     return Recording(
         name=path.name,
         start=start,
-        time=time[there],
+        time=time[complete],
         x=pose[:, 0],
         y=pose[:, 1],
         yaw=pose[:, 2] if pose.shape[1] > 2 else None,

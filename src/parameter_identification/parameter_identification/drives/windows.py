@@ -363,7 +363,7 @@ def select_windows(
     motion = motion_of(recording)
     angle, turn_std = setpoints_of(recording, motion, vehicle, steering)
     check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
-    found = []
+    drives = []
     left_out: Counter[str] = Counter()
     signals = _signals(recording, vehicle)
     lead = round(_run_in(recording, vehicle) / TICK)
@@ -376,7 +376,7 @@ def select_windows(
             left_out["steered beyond the end stop"] += 1
         else:
             drive = _drive(recording, signals, vehicle, motion, angle, rows, lead, windows.length)
-            found.append(
+            drives.append(
                 dataclasses.replace(
                     drive,
                     turn_std=turn_std,
@@ -384,8 +384,8 @@ def select_windows(
                     map_estimated=isinstance(steering, EstimatedMap),
                 )
             )
-    selection = Selection(tuple(found), left_out)
-    if not found:
+    selection = Selection(tuple(drives), left_out)
+    if not drives:
         raise IdentificationError(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
             f"the first pose or later, at more than {windows.above:g} m/s, without a gap or jump "

@@ -151,14 +151,13 @@ def check_reference(drive: MeasuredDrive, vehicle: Vehicle) -> None:
     with LeastSquares(models, prior.mean, prior.information, Loss.SQUARED) as problem:
         problem.noise = {Sensor.POSITION: NoiseLevel(0.1 * SAME_VEHICLE)}
         fits = [problem.minimise(start) for start in problem.candidates(6, seed=0)]
-        ((found,),) = problem.predictions(min(fits, key=lambda fit: fit.cost).at)
-    distance = float(np.sqrt(np.mean(np.sum(found.residual**2, axis=1))))
-    if distance > SAME_VEHICLE:
+        ((predicted,),) = problem.predictions(min(fits, key=lambda fit: fit.cost).at)
+    if predicted.rms > SAME_VEHICLE:
         raise IdentificationError(
             f"{drive.name}: planned for another vehicle: whatever its unknown parameters, "
-            f"{vehicle.name} comes no closer than {distance:.2g} m (rms) to the plan's reference; "
-            "give the file that it was planned with; a corrected one with --other-vehicle "
-            "(other_vehicle=True)"
+            f"{vehicle.name} comes no closer than {predicted.rms:.2g} m (rms) to the plan's "
+            "reference; give the file that it was planned with; a corrected one with "
+            "--other-vehicle (other_vehicle=True)"
         )
 
 

@@ -39,11 +39,11 @@ def deviated(motions: FloatArray, faster: FloatArray, turning: FloatArray) -> Fl
             dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
             ahead[i, j] = dx * math.cos(heading[j]) + dy * math.sin(heading[j])
         ahead[i, t - 1] = ahead[i, t - 2]
-    found = np.empty((5, n, t))
+    deviating = np.empty((5, n, t))
     for i in range(n):
         own = i if i < s else 0
         x, y, heading = motions[0, own], motions[1, own], motions[2, own]
-        found[0, i, 0], found[1, i, 0] = x[0], y[0]
+        deviating[0, i, 0], deviating[1, i, 0] = x[0], y[0]
         angle = 0.0
         for j in range(t):
             knot = min(int(j * per_tick), k - 2)
@@ -51,15 +51,15 @@ def deviated(motions: FloatArray, faster: FloatArray, turning: FloatArray) -> Fl
             share = 1.0 + (1.0 - weight) * faster[i, knot] + weight * faster[i, knot + 1]
             extra = (1.0 - weight) * turning[i, knot] + weight * turning[i, knot + 1]
             bent = extra * ahead[own, j]  # rad in a tick
-            found[2, i, j] = heading[j] + angle
-            found[3, i, j] = share * (motions[3, own, j] + bent / TICK)
-            found[4, i, j] = share * motions[4, own, j]
+            deviating[2, i, j] = heading[j] + angle
+            deviating[3, i, j] = share * (motions[3, own, j] + bent / TICK)
+            deviating[4, i, j] = share * motions[4, own, j]
             if j < t - 1:
                 more = (share - 1.0) * (heading[j + 1] - heading[j]) + share * bent
                 middle = angle + 0.5 * more
                 cosine, sine = share * math.cos(middle), share * math.sin(middle)
                 dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
-                found[0, i, j + 1] = found[0, i, j] + cosine * dx - sine * dy
-                found[1, i, j + 1] = found[1, i, j] + sine * dx + cosine * dy
+                deviating[0, i, j + 1] = deviating[0, i, j] + cosine * dx - sine * dy
+                deviating[1, i, j + 1] = deviating[1, i, j] + sine * dx + cosine * dy
                 angle += more
-    return found
+    return deviating

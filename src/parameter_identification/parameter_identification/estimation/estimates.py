@@ -67,7 +67,7 @@ def estimates_of(
     names = tuple(vehicle.unknown) if names is None else names
     widening = np.ones(len(names)) if widening is None else widening
     shown = identifiable(std) & ~beyond & (not rivals)
-    found = {}
+    estimates = {}
     for i, name in enumerate(names):
         limits = vehicle.unknown[name]
         start, width = limits[0], limits[1] - limits[0]
@@ -80,7 +80,7 @@ def estimates_of(
         curve = None if curves is None else curves.get(i)
         low, high = linear if curve is None else (in_range(limits, end) for end in curve.interval)
         others = [start + width * float(rival[i]) for rival in rivals]
-        found[name] = Estimate(
+        estimates[name] = Estimate(
             unit=vehicle.unit(name),
             estimate=in_range(limits, z),
             standard_deviation=width * deviation,
@@ -91,4 +91,4 @@ def estimates_of(
             identifiable=bool(shown[i]),
             profile=None if curve is None else Profile(start + width * curve.z, curve.rise),
         )
-    return found
+    return estimates

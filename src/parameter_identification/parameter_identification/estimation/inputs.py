@@ -106,7 +106,7 @@ def measured_inputs(
                 "the commands"
             )
         return in_all
-    found: set[Input] = set()
+    followed: set[Input] = set()
     other = [
         drive.name
         for drive in drives
@@ -121,13 +121,13 @@ def measured_inputs(
             "take the commands of all (inputs: commands), whose intervals do not count it"
         )
     if other:
-        found.add(Input.STEERING)
+        followed.add(Input.STEERING)
     if Input.SPEED in in_all and all(
-        max(speed_misfits(drives[:FITTED], vehicle, effects, found)) > OTHER_LOOP
+        max(speed_misfits(drives[:FITTED], vehicle, effects, followed)) > OTHER_LOOP
         for effects in (LOADING, _LOADING_TOO)  # the first mostly do, in a third of the time
     ):
-        found.add(Input.SPEED)
-    return frozenset(found)
+        followed.add(Input.SPEED)
+    return frozenset(followed)
 
 
 def speed_misfits(

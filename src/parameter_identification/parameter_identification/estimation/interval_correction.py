@@ -349,8 +349,8 @@ def interval_correction(
         Probability of the intervals.
     """
     at, k = optimum.fit.at, problem.k
-    here = problem.quadratic(at)
-    by_noise = here.covariance()
+    quadratic = problem.quadratic(at)
+    by_noise = quadratic.covariance()
     scatter, factors = np.array([math.nan]), np.ones(problem.n)
     if len(problem.models) >= MIN_DRIVES_FOR_SCATTER:
         growth, factors = scatter_factors(
@@ -370,7 +370,7 @@ def interval_correction(
         factors[:k] *= np.fmax(least / std, 1.0)
     return corrected(
         at,
-        here,
+        quadratic,
         optimum.covariance,
         factors,
         np.asarray(np.linalg.inv(problem.information), dtype=np.float64),

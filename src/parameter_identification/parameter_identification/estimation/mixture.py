@@ -20,7 +20,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
 
 NEGLECTED = 1e-3  # probability of all the subsets that are left out
-NOT_SEARCHED = math.log(2e-6)  # of subsets that begin alike, over those that were looked at
+NOT_SEARCHED = 2e-3  # of it, that of subsets that begin alike, over those that were looked at
 _LOG_ROOT_TAU = 0.5 * math.log(math.tau)  # of the normal distribution's density
 _FAR_TAIL = 30.0  # standard deviations from which its tail is found by a series
 
@@ -120,6 +120,7 @@ def mixture_of(
     groups: Sequence[Sequence[int]],
     chances: Sequence[float],
     least: Mapping[int, float] | None = None,
+    neglected: float = NEGLECTED,
 ) -> Mixture:
     """Return the average over subsets of effects, but for the least probable ones.
 
@@ -137,6 +138,8 @@ def mixture_of(
     least : mapping of int to float, optional
         Values below which variables of effects cannot be. Their distributions are cut off there,
         and replaced by normal ones of the same moments.
+    neglected : float
+        Probability of all the subsets that are left out, about.
 
     References
     ----------
@@ -163,10 +166,11 @@ def mixture_of(
     matrix[:d, d] = matrix[d, :d] = rhs[sequence]
     ends = len(always) + np.cumsum([0, *(len(at) for at in groups)])
     least_values = np.array([bounds.get(i, -math.inf) for i in sequence.tolist()])
-    subsets, evidence = _evidence(matrix, ends, least_values, odds, shown[ranks])
+    not_searched = math.log(NOT_SEARCHED * neglected)
+    subsets, evidence = _evidence(matrix, ends, least_values, odds, shown[ranks], not_searched)
     order = np.argsort(-evidence)
     share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
-    probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]]
+    probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - neglected)]]
     weights, means, variances, within = _moments(
         matrix, ends, least_values, odds, probable, float(evidence.max())
     )
@@ -197,6 +201,7 @@ def _evidence(
     least: FloatArray,
     odds: FloatArray,
     shown: FloatArray,
+    not_searched: float,
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Logarithm of the evidence of the probable subsets of g effects.
 
@@ -217,6 +222,9 @@ def _evidence(
         Logarithm of those of each effect before the drives.
     shown : ndarray of float, shape (g,)
         Chi squared by which the drives show each effect beside all others.
+    not_searched : float
+        Logarithm of the probability of subsets that begin alike, over those that were looked at,
+        below which none of them is looked at.
 
     Returns
     -------
@@ -296,7 +304,7 @@ def _evidence(
             for v in range(ends[g], ends[g + 1]):
                 _sweep(others[g + 1], v, ends[g])  # back out
         bound_of_all = logarithms[g + 1] + most[g + 1] + undecided[g + 1]
-        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + NOT_SEARCHED:
+        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + not_searched:
             g += 1
     return subsets[:number], found[:number]
 

@@ -64,6 +64,11 @@ class Prediction:
     jacobian: FloatArray
     channels: tuple[str, ...]
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residual's length over the samples, in the sensor's unit."""
+        return float(np.sqrt(np.mean(np.sum(self.residual**2, axis=1))))
+
 
 class DriveModel:
     """The model of one measured drive.

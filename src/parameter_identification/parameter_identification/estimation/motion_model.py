@@ -42,7 +42,7 @@ from tricycle_sim.effects import (
     START_DEVIATION,
     TURN_DEVIATION,
     Effect,
-    add_effects,
+    affected_constants,
     as_sensed,
     with_effects,
 )
@@ -169,8 +169,8 @@ class MotionModel:
             vehicle = with_stiff_loop(vehicle)
         self._vehicle = vehicle
         self._followed = _follow(vehicle, drive, self.measured)
-        simulated = with_effects(vehicle, effects)
-        self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
+        self._affected = with_effects(vehicle, effects)
+        self._batch = simulator(self._affected, drive.commands, setpoint=drive.start.speed)
         self._without_effects = (
             simulator(vehicle, drive.commands, setpoint=drive.start.speed)
             if effects
@@ -208,10 +208,7 @@ class MotionModel:
             )
             for name in (START_DEVIATION, *_SPACING)
         }
-        self._nominal = simulated.nominal_point()
         self._effects = effects
-        self._place = {name: i for i, name in enumerate(simulated.unknown)}
-        self._parameters = [self._place[name] for name in vehicle.unknown]
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
         acting.sort(key=lambda pair: _way(pair[1]))
@@ -312,14 +309,17 @@ class MotionModel:
         """Motions of n lanes; those after the simulated ones have the parameters of the first."""
         values = self._in_units(nuisances)
         simulated = min(len(Z), 1 + len(self.low) + self._simulated)
-        points = np.tile(self._nominal, (simulated, 1))
-        points[:, self._parameters] = self.parameters(Z[:simulated])
-        of = {name: values[:simulated, i] for name, i in self._at.items()}
-        add_effects(points, self._place, self._effects, of)
-        motion = self._run(self._batch, points, values[:simulated])
+        constants = affected_constants(
+            self._affected,
+            self._vehicle.unknown,
+            self.parameters(Z[:simulated]),
+            self._effects,
+            {name: values[:simulated, i] for name, i in self._at.items()},
+        )
+        motion = self._run(self._batch, constants, values[:simulated])
         if DRIVE_DEAD_TIME in self._at and len(Z) > simulated:
             later = values[simulated : simulated + 1]
-            motion = motion.with_another(self._run(self._batch, points[:1], later))
+            motion = motion.with_another(self._run(self._batch, constants[:1], later))
         return self._distorted(motion, values)
 
     def _run(self, batch: Batch, constants: FloatArray, values: FloatArray) -> Motions:

@@ -228,9 +228,9 @@ def restricted_noise(
     # next to no drift the slope by its logarithm vanishes: a search that begins there stays there
     drift, drift_time = max((start.drift, start.drift_time), (0.3 * start.white, 1.0))
     begin = np.clip(np.log([start.white, drift, drift_time]), low, high)
-    found = minimize(
+    likeliest = minimize(
         criterion, begin, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
         options={"maxiter": 25, "ftol": 1e-7},
     )  # fmt: skip
-    white, drift, drift_time = (float(v) for v in np.exp(found.x))
+    white, drift, drift_time = (float(v) for v in np.exp(likeliest.x))
     return NoiseLevel(white, drift, drift_time)

@@ -356,6 +356,22 @@ class LeastSquares(Closing):
                     gram[np.ix_(place, place)] += columns.T @ columns
         return gram
 
+    def log_determinant(self, v: FloatArray) -> float:
+        """Return the logarithm of the determinant of the noise's covariance, of all residuals.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables.
+        """
+        return sum(
+            len(p.residual.T)
+            * whiten(p.residual[:, :1], p.time, self.noise[p.sensor], samples[p.sensor])[1]
+            for found, samples in zip(self.predictions(v), self._samples, strict=True)
+            for p in found
+            if p.sensor in self.noise
+        )
+
     def candidates(self, count: int, seed: int) -> list[FloatArray]:
         """Return variables (n,) to start from: the best of a Sobol' sequence and the prior's mean.
 

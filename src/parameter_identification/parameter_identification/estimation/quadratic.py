@@ -57,6 +57,11 @@ class Quadratic:
         rhs: FloatArray = self.information @ self.at - self.gradient
         return rhs
 
+    @property
+    def cost_of_zero(self) -> float:
+        """Cost of variables that are all 0."""
+        return self.cost + float((self.rhs - self.gradient) @ self.at)
+
     def covariance(self) -> FloatArray:
         """Return the inverse of the information, shape (n, n)."""
         return np.asarray(np.linalg.inv(self.information), dtype=np.float64)

@@ -271,44 +271,9 @@ class HeldOut:
     inside: float | None = None
 
 
-def asked_for(
-    parameters: Mapping[str, Estimate], covariance: FloatArray, names: Collection[str]
-) -> dict[str, Any]:
-    """Return a result's `parameters`, `others` and `covariance` where only some were asked for.
-
-    Parameters
-    ----------
-    parameters : mapping of str to Estimate
-        Estimates of all parameters, by name.
-    covariance : ndarray of float, shape (k, k)
-        Covariance of the estimates, in the order of `parameters`.
-    names : collection of str
-        Names of the parameters that are asked for.
-    """
-    at = [i for i, name in enumerate(parameters) if name in names]
-    return {
-        "parameters": {name: e for name, e in parameters.items() if name in names},
-        "others": {name: e for name, e in parameters.items() if name not in names},
-        "covariance": covariance[np.ix_(at, at)],
-    }
-
-
-def correlation_of(covariance: FloatArray) -> FloatArray:
-    """Return the correlation matrix (k, k) of estimates.
-
-    Parameters
-    ----------
-    covariance : ndarray of float, shape (k, k)
-        Covariance of the estimates.
-    """
-    std = np.sqrt(np.diag(covariance))
-    correlation: FloatArray = covariance / np.outer(std, std)
-    return correlation
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """Estimates of the k parameters with their uncertainty, and how well they fit the drives.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IdentifiedParameters:
+    """Estimates of k parameters of a vehicle with their uncertainty.
 
     Attributes
     ----------
@@ -317,74 +282,40 @@ class Identification:
     vehicle_hash : str
         Hash of the values of the vehicle file.
     parameters : mapping of str to Estimate
-        By name.
+        Estimate of each parameter, by name.
     covariance : ndarray of float, shape (k, k)
         Covariance of the estimates, in their units.
-    fixed : mapping of str to float
-        Parameters that were held at their nominal values: no interval counts an error in them.
-    hidden : tuple of Combination
-        Directions that the drives do not show; along them the ranges still hold.
-    noise : mapping of Sensor to NoiseLevel
-        Estimated noise of each sensor.
-    whiteness : tuple of Whiteness
-        Test of the residuals of each channel of each drive.
-    drives : tuple of DriveFit
-        Predictions of each drive, for reports.
-    held_out : tuple of HeldOut
-        Predictions of the drives that were not used.
-    outliers : int
-        Number of samples beyond 6 standard deviations.
-    rivals : tuple of ndarray of float, shape (k,)
-        Other parameters that fit the drives as well, at the level of the intervals.
-    starts : (int, int)
-        Number of fits, and how many of them ended at the estimate.
+    scatter : float
+        Largest ratio of a standard deviation by the drives' scatter to that by the noise; NaN for
+        too few drives. Far above 1 the drives contradict each other: the model lacks something.
     truth : mapping of str to float
         True parameters, where the drives were simulated and all have the same.
     level : float
         Probability of the intervals.
-    seed : int
-        Seed of the starts.
-    seconds : float
-        Time that the computation took [s].
     effects : tuple of EffectEstimate
         Effects that were estimated beside the parameters.
-    scatter : float
-        Largest ratio of a standard deviation by the drives' scatter to that by the noise; NaN for
-        one drive. Far above 1 the drives contradict each other: the model lacks something.
-    missed : float
-        How much farther than expected the worst drive is from the others' prediction of it [m]
-        (RMS); 0 where that may be chance.
-    measured : frozenset of Input
-        Inputs that moved as measured, not as the commands say.
-    friction_used : float
-        Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     others : mapping of str to Estimate
         Parameters that were not asked for, but estimated: the intervals count their uncertainty.
+    fixed : mapping of str to float
+        Parameters that were held at their nominal values: no interval counts an error in them.
+    measured : frozenset of Input
+        Inputs that moved as measured, not as the commands say.
+    seed : int
+        Seed of the starts.
     """
 
     vehicle: str
     vehicle_hash: str
     parameters: Mapping[str, Estimate]
     covariance: FloatArray
-    fixed: Mapping[str, float]
-    hidden: tuple[Combination, ...]
-    noise: Mapping[Sensor, NoiseLevel]
-    whiteness: tuple[Whiteness, ...]
-    drives: tuple[DriveFit, ...]
-    held_out: tuple[HeldOut, ...]
-    outliers: int
-    rivals: tuple[FloatArray, ...]
-    starts: tuple[int, int]
+    scatter: float = math.nan
     truth: Mapping[str, float]
     level: float
-    seed: int
-    seconds: float
     effects: tuple[EffectEstimate, ...] = ()
-    scatter: float = math.nan
-    missed: float = 0.0
-    measured: frozenset[Input] = frozenset()
-    friction_used: float = math.nan
     others: Mapping[str, Estimate] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    measured: frozenset[Input] = frozenset()
+    seed: int = 0
 
     def only(self, names: Collection[str]) -> Self:
         """Return the result for some of the parameters, the rest of which are its `others`.
@@ -397,19 +328,10 @@ class Identification:
         at = [i for i, name in enumerate(self.names) if name in names]
         return replace(
             self,
-            **asked_for(self.parameters, self.covariance, names),
-            hidden=tuple(h for h in self.hidden if any(name in names for name in h.weights)),
-            rivals=tuple(rival[at] for rival in self.rivals),
+            parameters={name: e for name, e in self.parameters.items() if name in names},
+            others={name: e for name, e in self.parameters.items() if name not in names},
+            covariance=self.covariance[np.ix_(at, at)],
         )
-
-    def __repr__(self) -> str:
-        width = max(map(len, self.parameters))
-        drives = ", ".join(drive.name for drive in self.drives)
-        lines = [f"Identification of {self.vehicle} from {drives}; {self.level:.0%} intervals"]
-        for name, e in self.parameters.items():
-            found = f"{e.estimate:.4g} ({e.low:.4g} to {e.high:.4g})"
-            lines.append(f"  {name:{width}}  {found if e.identifiable else 'not shown'}  {e.unit}")
-        return "\n".join(lines)
 
     def to_dataframe(self) -> Any:
         """Return the estimates as a pandas DataFrame, a row per parameter.
@@ -492,7 +414,9 @@ class Identification:
     @property
     def correlation(self) -> FloatArray:
         """Correlation matrix (k, k) of the estimates."""
-        return correlation_of(self.covariance)
+        std = np.sqrt(np.diag(self.covariance))
+        correlation: FloatArray = self.covariance / np.outer(std, std)
+        return correlation
 
     @property
     def identifiable(self) -> dict[str, bool]:
@@ -514,6 +438,78 @@ class Identification:
             if (e.chance or 0.0) * len(tested) < SIGNIFICANCE or (e.acts or 0.0) > SURE
         )
 
+    def posterior(self) -> GaussianPrior:
+        """Return the estimates as the prior of the next identification."""
+        return GaussianPrior(self.names, self.estimates, self.covariance)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identification(IdentifiedParameters):
+    """Parameters from a few drives, and how well they fit each of them.
+
+    Attributes
+    ----------
+    hidden : tuple of Combination
+        Directions that the drives do not show; along them the ranges still hold.
+    noise : mapping of Sensor to NoiseLevel
+        Estimated noise of each sensor.
+    whiteness : tuple of Whiteness
+        Test of the residuals of each channel of each drive.
+    drives : tuple of DriveFit
+        Predictions of each drive, for reports.
+    held_out : tuple of HeldOut
+        Predictions of the drives that were not used.
+    outliers : int
+        Number of samples beyond 6 standard deviations.
+    rivals : tuple of ndarray of float, shape (k,)
+        Other parameters that fit the drives as well, at the level of the intervals.
+    starts : (int, int)
+        Number of fits, and how many of them ended at the estimate.
+    seconds : float
+        Time that the computation took [s].
+    missed : float
+        How much farther than expected the worst drive is from the others' prediction of it [m]
+        (RMS); 0 where that may be chance.
+    friction_used : float
+        Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
+    """
+
+    hidden: tuple[Combination, ...]
+    noise: Mapping[Sensor, NoiseLevel]
+    whiteness: tuple[Whiteness, ...]
+    drives: tuple[DriveFit, ...]
+    held_out: tuple[HeldOut, ...]
+    outliers: int
+    rivals: tuple[FloatArray, ...]
+    starts: tuple[int, int]
+    seconds: float
+    missed: float = 0.0
+    friction_used: float = math.nan
+
+    def only(self, names: Collection[str]) -> Self:
+        """Return the result for some of the parameters, the rest of which are its `others`.
+
+        Parameters
+        ----------
+        names : collection of str
+            Names of the parameters that are asked for.
+        """
+        at = [i for i, name in enumerate(self.names) if name in names]
+        return replace(
+            super().only(names),
+            hidden=tuple(h for h in self.hidden if any(name in names for name in h.weights)),
+            rivals=tuple(rival[at] for rival in self.rivals),
+        )
+
+    def __repr__(self) -> str:
+        width = max(map(len, self.parameters))
+        drives = ", ".join(drive.name for drive in self.drives)
+        lines = [f"Identification of {self.vehicle} from {drives}; {self.level:.0%} intervals"]
+        for name, e in self.parameters.items():
+            found = f"{e.estimate:.4g} ({e.low:.4g} to {e.high:.4g})"
+            lines.append(f"  {name:{width}}  {found if e.identifiable else 'not shown'}  {e.unit}")
+        return "\n".join(lines)
+
     @property
     def coloured(self) -> tuple[Whiteness, ...]:
         """Channels whose residuals do not look white."""
@@ -523,7 +519,3 @@ class Identification:
     def white(self) -> bool:
         """Whether residuals look white; else the model lacks an effect, or a sensor drifts."""
         return not self.coloured
-
-    def posterior(self) -> GaussianPrior:
-        """Return the estimates as the prior of the next identification."""
-        return GaussianPrior(self.names, self.estimates, self.covariance)

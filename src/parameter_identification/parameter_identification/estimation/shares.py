@@ -188,14 +188,14 @@ def share_of(
         problem.weigh(at)
         free: NDArray[np.bool_] = np.arange(problem.n) >= c
         at = problem.minimise(at, free).at
-        here = problem.quadratic(at)
+        quadratic = problem.quadratic(at)
         white = not coloured(whiteness_of_residuals(problem, problem.predictions(at)))
         samples = problem.samples_in_all
-    information, gradient = here.information.copy(), here.gradient.copy()
+    information, gradient = quadratic.information.copy(), quadratic.gradient.copy()
     effects, places = common[k:], np.arange(k, c)
     information[places, places] -= 1.0  # priors of what is common count once, not for every drive
     gradient[places] -= effects
-    cost = here.cost - effects @ effects
+    cost = quadratic.cost - effects @ effects
     across, alone = information[:c, c:], information[c:, c:]
     eliminated = np.linalg.solve(alone, np.column_stack([across.T, gradient[c:]]))
     return DriveShare(

@@ -1,7 +1,7 @@
 """Predictions by the fitted model: the drives it was fitted to, and held-out ones."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,13 +73,18 @@ def fits_of_drives(
     return tuple(fits)
 
 
+def _position(predictions: Iterable[Prediction]) -> Prediction:
+    """The predicted positions of a drive: every drive has some."""
+    return next(p for p in predictions if p.sensor is Sensor.POSITION)
+
+
 def _lack(
     problem: LeastSquares, optimum: Optimum, drive: int, predictions: Sequence[Prediction]
 ) -> Lack:
     """Misfit along a drive: residuals of the positions, and the deviations."""
     model, at = problem.models[drive], problem.nuisances_at(drive)
     z, own = optimum.fit.at[: problem.k], optimum.fit.at[at]
-    position = next(p for p in predictions if p.sensor is Sensor.POSITION)
+    position = _position(predictions)
     seconds, second, count = np.unique(
         np.floor(position.time), return_inverse=True, return_counts=True
     )
@@ -122,13 +127,13 @@ def effects_of_drives(
         Probability of each effect, where they were weighed.
     """
     std, ends = np.sqrt(np.diag(optimum.covariance)), problem.at_an_end(optimum.fit.at)
-    found = []
+    estimates = []
     for drive, model in enumerate(problem.models):
         for i, (at, n) in enumerate(zip(problem.nuisances_at(drive), model.nuisances, strict=True)):
             e, own = n.effect, i >= model.shared
             if e is None or e.process or (drive and not own):
                 continue
-            found.append(
+            estimates.append(
                 EffectEstimate(
                     name=e.name,
                     unit=e.unit,
@@ -144,10 +149,10 @@ def effects_of_drives(
     for e in problem.models[0].effects:
         if e.process and e.name in sizes:  # no drive starts from rest: none deviates at its start
             size, known = e.std * sizes[e.name], acts.get(e.name)
-            found.append(
+            estimates.append(
                 EffectEstimate(e.name, e.unit, 0.0, size, e.std, acts=known, chance=chances[e.name])
             )
-    return tuple(found)
+    return tuple(estimates)
 
 
 def whiteness_of_residuals(
@@ -217,7 +222,7 @@ def predict_each_other(
         change = np.append((others - v)[:known], -v[own])
         bent = alone.gradient + alone.information[:, ~fitted] @ change[~fitted]
         change[fitted] = -np.linalg.solve(alone.information[np.ix_(fitted, fitted)], bent[fitted])
-        position = next(p for p in predictions[drive] if p.sensor is Sensor.POSITION)
+        position = _position(predictions[drive])
         residual = position.residual + position.jacobian @ change
         expected = _held_covariance(problem, optimum, model)
         expected[:known, :known] = covariance[:known, :known]
@@ -295,8 +300,8 @@ def predict_held_out(
             alone.weigh(fit.at)
             fit = alone.minimise(fit.at, free)
             (predictions,) = alone.predictions(fit.at)
-            position = next(p for p in predictions if p.sensor is Sensor.POSITION)
-            rms.append(float(np.sqrt(np.mean(np.sum(position.residual**2, axis=1)))))
+            position = _position(predictions)
+            rms.append(position.rms)
         information = alone.quadratic(fit.at).information
         by_rest = _by_rest(position, information, free)
         covariance = _held_covariance(problem, optimum, model)[np.ix_(~free, ~free)]

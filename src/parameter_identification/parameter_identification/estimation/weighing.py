@@ -7,14 +7,16 @@ of several sizes.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import logit, logsumexp
 
+from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.mixture import NEGLECTED, Mixture, joined, mixture_of
+from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import Fit, LeastSquares
 from parameter_identification.estimation.quadratic import Quadratic
@@ -26,6 +28,7 @@ NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of i
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
 MOST_SIZES = 8  # combinations of them that are averaged
 ROUNDS = 5  # of weights, and fit with the most probable effects
+ROUGHLY = 0.5  # probability of subsets that are left out where the most probable one is wanted
 SURPRISE = 30.0  # of the cost, from which a fit shows that the motion is not linear in an effect
 ENOUGH = 0.1  # of it, to which such fits are compared
 NOTICEABLE = 0.1  # standard deviations of its prior, from which an effect may be the cause
@@ -36,12 +39,47 @@ LikelySizes = Sequence[tuple[dict[str, float], float]]
 """Sizes of the deviations, and the logarithm of what precedes the drives, for each choice."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Explanation:
+    """One way to explain the drives: a fit with effects that are the most probable ones near it.
+
+    Attributes
+    ----------
+    fit : Fit
+        The minimum.
+    free : ndarray of bool, shape (n,)
+        True for variables that are free in it; the other effects do not act.
+    noise, sizes
+        Noise and sizes of the deviations that belong to it, as a `LeastSquares` has them.
+    information : ndarray of float, shape (n, n)
+        At the fit.
+    average : Mixture
+        Of all subsets of the effects, near the fit.
+    deviations : dict of str to float
+        Probability that each deviation acts, by name.
+    evidence : float
+        Logarithm of the probability of the drives by all these subsets, but for a constant.
+    """
+
+    fit: Fit
+    free: NDArray[np.bool_]
+    noise: dict[Sensor, NoiseLevel]
+    sizes: dict[str, float]
+    information: FloatArray
+    average: Mixture
+    deviations: dict[str, float]
+    evidence: float
+
+
 def weigh_effects(
     problem: LeastSquares, optimum: Optimum
 ) -> tuple[Optimum, Mixture, dict[str, float]]:
     """Return the fit with the most probable effects, and what the average over all subsets says.
 
     That is the distribution of parameters and effects, and the probability of each effect by name.
+    Where the motion is not linear in the effects, the most probable ones near a fit depend on the
+    fit. So there are two searches, from all effects and from none, and the average is that of both
+    ends by their evidence.
 
     Parameters
     ----------
@@ -51,12 +89,41 @@ def weigh_effects(
     optimum : Optimum
         The best fit with all effects.
     """
-    effects = _Effects(problem)
-    fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
+    effects, noise, sizes = _Effects(problem), problem.noise, problem.sizes()
+    explanations = [_explained(problem, optimum.fit, np.ones(problem.n, dtype=bool))]
+    none = effects.free_in(np.zeros(len(effects.places), dtype=bool))
+    if not np.array_equal(explanations[0].free, none):
+        _set_weights(problem, noise, sizes, optimum.fit.at)
+        start = np.where(none, optimum.fit.at, 0.0)
+        explanations.append(_explained(problem, problem.minimise(start, none), none))
+    best = max(explanations, key=lambda one: one.evidence)
+    least = best.evidence + math.log(NEGLECTED)
+    explanations = [one for one in explanations if one.evidence > least]
+    _set_weights(problem, best.noise, best.sizes, best.fit.at)
+    evidence = np.array([one.evidence for one in explanations])
+    average = joined([one.average for one in explanations], evidence)
+    of_fit, variables = np.flatnonzero(best.free), effects.variables
+    covariance = np.zeros((problem.n, problem.n))
+    covariance[np.ix_(of_fit, of_fit)] = np.linalg.inv(best.information[np.ix_(of_fit, of_fit)])
+    covariance[np.ix_(variables, variables)] = average.covariance(best.fit.at[variables])
+    shares = np.exp(evidence - average.evidence).tolist()
+    deviations = {
+        name: sum(
+            share * one.deviations[name] for share, one in zip(shares, explanations, strict=True)
+        )
+        for name in sizes
+    }
+    probable = effects.probabilities(average) | deviations
+    return replace(optimum, fit=best.fit, covariance=covariance), average, probable
+
+
+def _explained(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _Explanation:
+    """Where a search ends that begins at a fit with some effects; its weights stay set."""
+    effects, sizes = _Effects(problem), problem.sizes()
     for later in reversed(range(ROUNDS)):
         here = problem.quadratic(fit.at)
         likely = _likely_sizes(problem, here, free)
-        found, evidence = effects.average(here, likely)
+        found, evidence = effects.average(here, likely, ROUGHLY)
         acts = effects.free_in(found.acting[0])
         best = likely[int(np.argmax(evidence))][0]
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
@@ -69,19 +136,40 @@ def weigh_effects(
         fit = problem.minimise(fit.at, free)
     chances = effects.probabilities(found)
     doubtful = {name: at for name, at in effects.places.items() if chances[name] < SURELY}
-    if needed := indispensable(problem, here, free, doubtful):
-        effects.count_as_acting(needed)
-        found, evidence = effects.average(here, likely)
-    covariance = np.zeros((problem.n, problem.n))
-    covariance[np.ix_(free, free)] = np.linalg.inv(here.information[np.ix_(free, free)])
-    of_mixture = effects.variables
-    covariance[np.ix_(of_mixture, of_mixture)] = found.covariance(fit.at[of_mixture])
-    probable = effects.probabilities(found)
+    effects.count_as_acting(indispensable(problem, here, free, doubtful))
+    found, evidence = effects.average(here, likely)
     shares = np.exp(evidence - found.evidence).tolist()
-    for name in sizes:
-        of_name = zip(shares, (chosen[name] for chosen, _ in likely), strict=True)
-        probable[name] = sum(share for share, size in of_name if size != NO_DEVIATION)
-    return replace(optimum, fit=fit, covariance=covariance), found, probable
+    deviations = {
+        name: sum(
+            share
+            for share, (chosen, _) in zip(shares, likely, strict=True)
+            if chosen[name] != NO_DEVIATION
+        )
+        for name in sizes
+    }
+    of_drives = -0.5 * (here.cost_of_zero + problem.log_determinant(fit.at))
+    return _Explanation(
+        fit=fit,
+        free=free,
+        noise=problem.noise,
+        sizes=sizes,
+        information=here.information,
+        average=found,
+        deviations=deviations,
+        evidence=found.evidence - effects.log_odds_added + of_drives,
+    )
+
+
+def _set_weights(
+    problem: LeastSquares,
+    noise: dict[Sensor, NoiseLevel],
+    sizes: Mapping[str, float],
+    at: FloatArray,
+) -> None:
+    """Weigh residuals as at a fit that was made earlier."""
+    problem.noise = noise
+    problem.set_sizes(sizes)
+    problem.weigh(at)
 
 
 class _Effects:
@@ -94,11 +182,14 @@ class _Effects:
     variables : ndarray of int
         Indices of the mixture's variables among the problem's: the parameters and all effects that
         are weighed here.
+    log_odds_added : float
+        Logarithm of the odds that effects gained because they were counted as acting.
     """
 
     def __init__(self, problem: LeastSquares) -> None:
         effects = problem.constant_effects()
         self._problem = problem
+        self.log_odds_added = 0.0
         self._chances = {effect.name: effect.chance for effect in effects}
         self.places = {effect.name: at for effect, at in effects.items()}
         of_effects = sorted(i for at in self.places.values() for i in at)
@@ -111,7 +202,9 @@ class _Effects:
 
     def count_as_acting(self, names: Sequence[str]) -> None:
         """Let these effects act in all subsets that are averaged."""
-        self._chances |= dict.fromkeys(names, INDISPENSABLE)
+        for name in names:
+            self.log_odds_added += float(logit(INDISPENSABLE) - logit(self._chances[name]))
+            self._chances[name] = INDISPENSABLE
 
     def free_in(self, acting: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """True for the problem's variables (n,) that are free where these effects act."""
@@ -125,7 +218,9 @@ class _Effects:
         probable = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
         return dict(zip(self.places, probable.tolist(), strict=True))
 
-    def average(self, here: Quadratic, likely: LikelySizes) -> tuple[Mixture, FloatArray]:
+    def average(
+        self, here: Quadratic, likely: LikelySizes, neglected: float = NEGLECTED
+    ) -> tuple[Mixture, FloatArray]:
         """Average over all subsets and those sizes of the deviations, and the sizes' evidence."""
         variables, rest = self.variables, self._rest
 
@@ -139,6 +234,7 @@ class _Effects:
                 self._groups,
                 list(self._chances.values()),
                 self._least,
+                neglected,
             )
             return found, prior + found.evidence + _log_evidence(H, rhs, rest)
 
@@ -170,7 +266,6 @@ def refitted(
     """
     here = problem.quadratic(fit.at)
     information, rhs = here.information, here.rhs
-    at_zero = here.cost + (rhs - here.gradient) @ fit.at
 
     def fitted(free: NDArray[np.bool_]) -> Fit:
         start = np.where(free, fit.at, 0.0)
@@ -178,7 +273,7 @@ def refitted(
 
     def expected(free: NDArray[np.bool_]) -> float:
         inside = information[np.ix_(free, free)]
-        return float(at_zero - rhs[free] @ np.linalg.solve(inside, rhs[free]))
+        return float(here.cost_of_zero - rhs[free] @ np.linalg.solve(inside, rhs[free]))
 
     found, free, needed = fitted(acts), acts, list[str]()
     while found.cost > expected(free) + SURPRISE:

@@ -374,7 +374,8 @@ def _noise_variance(drive: RecordedDrive, anchor: PlanarPose) -> float:
     """Variance of the white part of the position noise, both axes together, m².
 
     From third differences of the deviation, which is smooth but for the noise: those of white
-    noise of variance σ² have variance 20 σ².
+    noise of variance σ² have variance 20 σ². Their mean square, not a robust median: TE is one as
+    well, and outliers add to both.
     """
     path, reference = _residual(drive, anchor)
     if len(path.time) < 4:

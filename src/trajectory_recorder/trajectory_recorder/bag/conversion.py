@@ -65,17 +65,17 @@ def convert(
         _check_given_once(readers)
         for bag in bags:
             check_apart(output, bag)
-        found: dict[str, Topic] = {}
+        joined: dict[str, Topic] = {}
         for reader in readers:
             for name, topic in reader.topics.items():
                 if topics is not None and name not in topics:
                     continue
-                known = found.setdefault(name, topic)
+                known = joined.setdefault(name, topic)
                 known.check_same(topic)
                 if known is not topic:
-                    found[name] = replace(known, count=known.count + topic.count)
+                    joined[name] = replace(known, count=known.count + topic.count)
         spans = [reader.span for reader in readers if reader.span is not None]
-        if not any(topic.count for topic in found.values()) or not spans:
+        if not any(topic.count for topic in joined.values()) or not spans:
             raise BagError("no message is left to write")
         begin = min(first for first, _ in spans) + round(start * 1e9)
         end = begin + duration * 1e9
@@ -89,16 +89,16 @@ def convert(
             metadata=_metadata(readers),
         )
         writer = stack.enter_context(whole_or_none(new))
-        ids = {name: writer.add_topic(topic) for name, topic in found.items()}
-        total = sum(topic.count for topic in found.values())
+        ids = {name: writer.add_topic(topic) for name, topic in joined.items()}
+        total = sum(topic.count for topic in joined.values())
         merged = heapq.merge(
-            *(reader.messages_by_stamp(found.keys()) for reader in readers),
+            *(reader.messages_by_stamp(joined.keys()) for reader in readers),
             key=lambda message: message.stamp,
         )
         for done, message in enumerate(merged, start=1):
             if message.stamp > end:
                 break
-            if message.stamp >= begin or found[message.topic].latched:
+            if message.stamp >= begin or joined[message.topic].latched:
                 writer.write(ids[message.topic], max(message.stamp, begin), message.data)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)

@@ -19,6 +19,8 @@ from tricycle_bridge.protocol.clock import PlcClock, elapsed_us
 from tricycle_bridge.protocol.framing import DELIMITER, Frame, FrameDecoder, encode
 from tricycle_bridge.protocol.messages import (
     MINOR,
+    NEW_STATE_MASK,
+    OLD_STATE_SHIFT,
     Ack,
     Board,
     Control,
@@ -615,6 +617,6 @@ class PlcLink:
         self._events.append(LinkEvent(LinkEventKind.TELEMETRY, state=state, stamp=stamp))
 
     def _describe_change(self, event: Event) -> str:
-        old, new = event.states >> 4, event.states & 0x0F
+        old, new = event.states >> OLD_STATE_SHIFT, event.states & NEW_STATE_MASK
         faults = f" ({fault_names(event.faults)})" if event.faults else ""
         return f"{self.board.plc_name}: {state_name(old)} to {state_name(new)}{faults}"

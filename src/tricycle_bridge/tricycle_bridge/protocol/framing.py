@@ -14,7 +14,10 @@ from typing import NamedTuple
 from cobs import cobs  # type: ignore[import-untyped]
 
 from tricycle_bridge.protocol.messages import (
+    BOARD_MASK,
+    FROM_PLC,
     MAJOR,
+    MAJOR_SHIFT,
     MAX_PAYLOAD,
     MESSAGES,
     Board,
@@ -120,7 +123,8 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
     LinkError
         If a value does not fit its field.
     """
-    ver_node = major << 5 | from_plc(message.ID) << 4 | board
+    direction = FROM_PLC if from_plc(message.ID) else 0
+    ver_node = major << MAJOR_SHIFT | direction | board
     raw = _HEADER.pack(ver_node, message.ID, seq, session) + message.payload()
     return bytes(cobs.encode(raw + _CRC.pack(zlib.crc32(raw)))) + DELIMITER
 
@@ -201,7 +205,7 @@ class FrameDecoder:
             return None
 
         ver_node, message_id, seq, session = raw[:4]
-        major, sent_by_plc, board = ver_node >> 5, bool(ver_node & 0x10), ver_node & 0x0F
+        major, board = ver_node >> MAJOR_SHIFT, ver_node & BOARD_MASK
         greeting = message_id == self._greeting
         if major != MAJOR and not greeting:
             counters.version += 1
@@ -209,7 +213,7 @@ class FrameDecoder:
         entry = self._table.get(message_id)
         if (
             entry is None
-            or sent_by_plc != self._host
+            or bool(ver_node & FROM_PLC) != self._host
             or not (board == self._board or (greeting and board in self._greeting_boards))
         ):
             counters.unknown += 1

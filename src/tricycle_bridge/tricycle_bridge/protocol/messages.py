@@ -35,6 +35,14 @@ MAJOR = 2  # version of the protocol
 MINOR = 0
 BAUD = 115_200  # 8N1
 MAX_PAYLOAD = 40  # bytes
+MAJOR_SHIFT = 5  # bits of the first header byte: major version, direction, board
+FROM_PLC = 0x10
+BOARD_MASK = 0x0F
+OLD_STATE_SHIFT = 4  # in the states of an EVENT, beside the new state
+NEW_STATE_MASK = 0x0F
+ECHO_SHIFT = 10  # from microseconds to an echo
+MAX_COMMAND_AGE = 255  # counts; also where there is no command
+NEWEST_STEP = 127  # between numbers of operations; further is backwards
 
 
 class Board(enum.IntEnum):
@@ -673,4 +681,4 @@ def echo_of(t: int) -> int:
     t : int
         Time of a state frame [us].
     """
-    return t >> 10 & 0xFFFF
+    return t >> ECHO_SHIFT & 0xFFFF

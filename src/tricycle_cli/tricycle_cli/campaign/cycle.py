@@ -18,7 +18,8 @@ from pathlib import Path
 from excitation_planner.design.prior import UNIFORM_STD, BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver, planned_for
-from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.drives.measured import MeasuredDrive
+from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.prior import box_prior
@@ -374,7 +375,7 @@ class Campaign:
             request = self.request
             try:  # those before it were identified from, so it is the last one that cannot be used
                 drives.append(read(self.folder / step.bag, vehicle))
-                found = identify(
+                identification = identify(
                     drives,
                     vehicle,
                     effects=request.effects,
@@ -391,7 +392,7 @@ class Campaign:
                 ) from error
             identified = dataclasses.replace(
                 step,
-                identification=document_of(found),
+                identification=document_of(identification),
                 duration=drives[-1].commands.duration,  # it may have ended early
             )
             self._keep((*self.steps[:-1], identified))

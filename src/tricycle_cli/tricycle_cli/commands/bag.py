@@ -11,8 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number, positive_number
+from tricycle_cli.argument_types import bag_argument, nonnegative_number, positive_number
 from tricycle_cli.console import plain_console
+from tricycle_cli.options import BAG_HELP
 from tricycle_cli.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def run_info(args: argparse.Namespace) -> int:
     with BagReader(args.bag) as bag:
         start, end = bag.span or (0, 0)
         names = [file.name for file in bag.files]
-        found = {
+        summary = {
             "bag": str(bag.path),
             "storage": bag.kind,
             "files": names,
@@ -107,7 +108,7 @@ def run_info(args: argparse.Namespace) -> int:
         }
         topics = sorted(bag.topics.values(), key=lambda topic: topic.name)
     if args.json:
-        print(json.dumps(found))
+        print(json.dumps(summary))
         return 0
     fetched = f" ({bag.fetched / 1e6:.3f} MB fetched)" if bag.fetched else ""
     console = plain_console()
@@ -115,7 +116,7 @@ def run_info(args: argparse.Namespace) -> int:
     console.print(f"size      {bag.size / 1e6:.3f} MB{fetched}", highlight=False)
     console.print(f"start     {_time(start)}", highlight=False)
     console.print(f"end       {_time(end)}", highlight=False)
-    console.print(f"duration  {found['duration']:.3f} s", highlight=False)
+    console.print(f"duration  {summary['duration']:.3f} s", highlight=False)
     # whole names at 80 columns: the usual quality of service and the kind of type are left out
     table = Table("count", "topic", "type", "", box=None, pad_edge=False)
     table.columns[0].justify = "right"
@@ -125,8 +126,8 @@ def run_info(args: argparse.Namespace) -> int:
         kind = topic.type.replace("/msg/", "/")
         table.add_row(str(topic.count), topic.name, kind, ", ".join(_unusual(topic.qos)))
     console.print(table)
-    torn = "" if found["complete"] else f"; {NOT_WHOLE}"
-    console.print(f"{found['messages']} messages{torn}", highlight=False)
+    torn = "" if summary["complete"] else f"; {NOT_WHOLE}"
+    console.print(f"{summary['messages']} messages{torn}", highlight=False)
     for key, value in bag.metadata.items():
         console.print(f"{key}: {value}", highlight=False)
     return 0

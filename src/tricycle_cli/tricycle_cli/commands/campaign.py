@@ -13,7 +13,10 @@ from typing import TYPE_CHECKING
 from excitation_planner.area.area import load_area
 from excitation_planner.design.noise import SIMULATED, MeasurementNoise
 from excitation_planner.maneuver import family_names
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, parameter_names, real_time_factor
+from tricycle_cli.campaign.request import WAY_BACK, CampaignRequest
+from tricycle_cli.console import plain_console
+from tricycle_cli.options import (
     OF_SIMULATION,
     add_area_option,
     add_effects_option,
@@ -22,20 +25,15 @@ from tricycle_cli.arguments import (
     add_range_options,
     add_topic_options,
     add_vehicle_option,
-    at_least,
     describe_later,
     effects_asked,
     families_of,
     noise_of,
-    parameter_names,
-    real_time_factor,
     refuse_given,
     search_boxes,
     topics_of,
     warn_about,
 )
-from tricycle_cli.campaign.request import WAY_BACK, CampaignRequest
-from tricycle_cli.console import plain_console
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError

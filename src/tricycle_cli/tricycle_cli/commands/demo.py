@@ -13,16 +13,14 @@ import numpy as np
 
 from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.planning import PlanRequest
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, parameter_name, real_time_factor
+from tricycle_cli.options import (
     add_effects_option,
     add_overwrite_option,
     add_vehicle_option,
-    at_least,
     check_output_files,
     describe_later,
     effects_asked,
-    parameter_name,
-    real_time_factor,
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, write_whole
@@ -110,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from excitation_planner.design.noise import SIMULATED
-    from parameter_identification.drives.measured import measured_drive
+    from parameter_identification.drives.measured_from_bag import measured_drive
     from parameter_identification.drives.reader import read_drive
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive
@@ -149,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
     )
     with progress_bar("identifying the parameters") as progress:
         measured = [measured_drive(drive, vehicle) for drive in drives.values()]
-        found = identify(
+        identification = identify(
             measured,
             vehicle,
             **effects,
@@ -157,11 +155,11 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         )
-    save_identification(found, args.vehicle, output / "identification")
+    save_identification(identification, args.vehicle, output / "identification")
 
     truth = hidden_truth(vehicle, args.seed)
     expected = {name: _expected_error(request, plan, truth) for name, plan in plans.items()}
-    result = _result(plans, expected, judgements, found, truth).to_json()
+    result = _result(plans, expected, judgements, identification, truth).to_json()
     write_whole(output / "result.json", json.dumps(result, indent=2) + "\n")
     results = read_run(output, read=lambda bag: drives[bag.name])
     write_whole(output / "report.html", run_page(results, vehicle=vehicle))
@@ -172,8 +170,8 @@ def run(args: argparse.Namespace) -> int:
     for name, plan in plans.items():
         if plan.verdict:
             console.print(f"{name}: {plan.verdict}")
-    console.print(parameter_table(found, truth))
-    for remark in remarks(found):
+    console.print(parameter_table(identification, truth))
+    for remark in remarks(identification):
         console.print(remark, soft_wrap=True)
     for what, where in (
         *(("bags", "bags"), ("plans", "plans"), ("figure", "trajectories.png")),
@@ -181,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
         ("report", "report.html"),
     ):
         console.print(f"{what}: {output / where}", soft_wrap=True)
-    if not found.parameters[args.target].identifiable:
+    if not identification.parameters[args.target].identifiable:
         print(f"the drives do not show {args.target}, which they should", file=sys.stderr)
         return 1
     return 0

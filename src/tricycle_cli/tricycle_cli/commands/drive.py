@@ -4,14 +4,8 @@ import argparse
 import shlex
 from pathlib import Path
 
-from tricycle_cli.arguments import (
-    OF_SIMULATION,
-    add_vehicle_option,
-    at_least,
-    namespace,
-    real_time_factor,
-    refuse_given,
-)
+from tricycle_cli.argument_types import at_least, namespace, real_time_factor
+from tricycle_cli.options import OF_SIMULATION, add_vehicle_option, refuse_given
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
 from tricycle_core.errors import BagError, InfeasibleManeuver, PlanError

@@ -4,12 +4,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import bag_argument
+from tricycle_cli.options import (
     BAG_HELP,
     add_overwrite_option,
     add_topic_options,
     add_vehicle_option,
-    bag_argument,
     check_output_files,
     topics_of,
 )
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _render(args: argparse.Namespace, vehicle: Vehicle, topics: "TopicNames") -> int:
-    from parameter_identification.drives.measured import measured_drive
+    from parameter_identification.drives.measured_from_bag import measured_drive
     from parameter_identification.drives.reader import read_drive
     from parameter_identification.judging.judgement import judge_drive
     from tricycle_bringup.configuration import bridge_settings

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import tempfile
 from contextlib import ExitStack
 from dataclasses import replace
@@ -12,16 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, parameter_names
+from tricycle_cli.options import (
     BAG_HELP,
     add_other_vehicle_option,
     add_overwrite_option,
     add_topic_options,
     add_vehicle_option,
     add_workers_option,
-    at_least,
     check_output_files,
-    parameter_names,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
@@ -193,7 +191,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _document(fleet: Fleet) -> dict[str, Any]:
-    from tricycle_core.documents import encode
+    from tricycle_core.documents import encode, finite_or_none
 
     return {
         "vehicles": {
@@ -208,7 +206,7 @@ def _document(fleet: Fleet) -> dict[str, Any]:
         "changes_per_day": encode(dict(fleet.changes)),
         "shared": encode(dict(fleet.shared)),
         "own": list(fleet.own),
-        "when": fleet.when if math.isfinite(fleet.when) else None,
+        "when": finite_or_none(fleet.when),
         "odd": list(fleet.odd),
         "beyond": encode(dict(fleet.beyond)),
         "left_out": list(fleet.left_out),

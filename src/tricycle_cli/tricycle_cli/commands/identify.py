@@ -7,7 +7,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, bag_argument, parameter_names, positive_number
+from tricycle_cli.drives import is_table, read_drives
+from tricycle_cli.options import (
     BAG_HELP,
     add_effects_option,
     add_other_vehicle_option,
@@ -15,16 +17,11 @@ from tricycle_cli.arguments import (
     add_topic_options,
     add_vehicle_option,
     add_workers_option,
-    at_least,
-    bag_argument,
     check_output_files,
     effects_asked,
-    parameter_names,
-    positive_number,
     refuse_given,
     topics_of,
 )
-from tricycle_cli.drives import is_table, read_drives
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.identification_files import FILES, IDENTIFICATION, VEHICLE, remove_older
 from tricycle_core.documents import check_folder, write_whole
@@ -191,7 +188,7 @@ def run(args: argparse.Namespace) -> int:
     if args.fmu is None and all(drive.speed is not None for drive in read.used):
         redraw = redraw_of(read.tables)
     with progress_bar("identifying") as progress:
-        found = identify(
+        identification = identify(
             read.used,
             vehicle,
             parameters=args.parameters,
@@ -208,19 +205,23 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
         )
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
-    console.print(parameter_table(found))
+    console.print(parameter_table(identification))
     of_drives = remarks_on_drives(
-        found, read.used, read.held_out, tables=columns is not None, redrawn=redraw is not None
+        identification,
+        read.used,
+        read.held_out,
+        tables=columns is not None,
+        redrawn=redraw is not None,
     )
-    for remark in (*remarks(found), *read.remarks, *of_drives):
+    for remark in (*remarks(identification), *read.remarks, *of_drives):
         console.print(remark, soft_wrap=True)
     if args.output is not None:
         from tricycle_cli.reports.identification_page import save_identification
 
-        save_identification(found, args.vehicle, args.output)
+        save_identification(identification, args.vehicle, args.output)
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:
-        print(json.dumps(document_of(found).to_json(), allow_nan=False))
+        print(json.dumps(document_of(identification).to_json(), allow_nan=False))
     return 0
 
 
@@ -228,10 +229,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     """Identify from many bags, print, write."""
     from excitation_planner.design.executors import processes
     from parameter_identification.estimation.unknown import restrict
-    from parameter_identification.identification_file import (
-        document_of_many,
-        save_identification_file,
-    )
+    from parameter_identification.identification_file import document_of, save_identification_file
     from parameter_identification.identified_vehicle import identified_vehicle
     from parameter_identification.many_drives import identify_many
     from tricycle_cli.reports.remarks import remarks_on_many
@@ -252,7 +250,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.vehicle)
     asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
     with processes(args.workers) as executor, progress_bar("reading drives") as progress:
-        found = identify_many(
+        identification = identify_many(
             args.drives,
             asked if args.hold_others else vehicle,
             folder=args.drive_by_drive,
@@ -266,14 +264,14 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         ).only(asked.unknown)
     if args.hold_others:
         held = {name: v for name, v in vehicle.nominal.items() if name not in asked.unknown}
-        found = replace(found, fixed=held, vehicle_hash=vehicle.fingerprint)
+        identification = replace(identification, fixed=held, vehicle_hash=vehicle.fingerprint)
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
-    console.print(parameter_table(found))
-    for remark in remarks_on_many(found):
+    console.print(parameter_table(identification))
+    for remark in remarks_on_many(identification):
         console.print(remark, soft_wrap=True)
-    document = document_of_many(found)
+    document = document_of(identification)
     if args.output is not None:
-        write_whole(args.output / VEHICLE, identified_vehicle(found, args.vehicle))
+        write_whole(args.output / VEHICLE, identified_vehicle(identification, args.vehicle))
         save_identification_file(document, args.output / IDENTIFICATION)
         remove_older(args.output, (VEHICLE, IDENTIFICATION))
         console.print(f"vehicle file and numbers: {args.output}", soft_wrap=True)

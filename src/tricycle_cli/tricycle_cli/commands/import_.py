@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tricycle_cli.arguments import add_vehicle_option
+from tricycle_cli.options import add_vehicle_option
 from tricycle_core.documents import check_folder
 from tricycle_sim.vehicle import load_vehicle
 

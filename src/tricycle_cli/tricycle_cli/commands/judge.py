@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
-from collections.abc import Mapping
 from contextlib import nullcontext
 from itertools import chain
 from pathlib import Path
@@ -14,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 from parameter_identification.judging.export import PICTURES, ExportFormat
 from parameter_identification.judging.judgement import Anchor
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import bag_argument
+from tricycle_cli.options import (
     BAG_HELP,
     add_overwrite_option,
     add_topic_options,
-    bag_argument,
     check_output_files,
     refuse_given,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import check_folder
+from tricycle_core.documents import check_folder, finite_or_none
 from tricycle_core.errors import BagError, JudgeError, message_of
 from tricycle_core.optional import check_installed
 
@@ -114,8 +112,8 @@ def run(args: argparse.Namespace) -> int:
     if not judgements:
         return 2
     if args.json:
-        found = [_as_json(judgement) for judgement in judgements]
-        print(json.dumps(found[0] if len(args.bags) == 1 else {"bags": found}))
+        documents = [_as_json(judgement) for judgement in judgements]
+        print(json.dumps(documents[0] if len(args.bags) == 1 else {"bags": documents}))
     else:
         from tricycle_cli.reports.tables import WIDEST, judgement_table, table_console
 
@@ -139,22 +137,15 @@ def _as_json(judgement: Judgement) -> dict[str, Any]:
     """Scalars of a judgement; numbers that are unknown become null."""
     anchor = judgement.anchor_pose
     values: dict[str, Any] = {
-        name: value
+        name: value if isinstance(value, str) else finite_or_none(value)
         for name, value in vars(judgement).items()
         if isinstance(value, float | int | str)
     }
-    values |= {
+    return values | {
         "bag": str(judgement.bag),
-        "te_by_anchor": _known({name.value: te for name, te in judgement.te_by_anchor.items()}),
+        "te_by_anchor": {
+            name.value: finite_or_none(te) for name, te in judgement.te_by_anchor.items()
+        },
         "anchor": judgement.anchor.value,
-        "anchor_pose": _known({"x": anchor.x, "y": anchor.y, "heading": anchor.heading}),
-    }
-    return _known(values)
-
-
-def _known(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values, with None for NaN: JSON has no NaN."""
-    return {
-        name: None if isinstance(value, float) and math.isnan(value) else value
-        for name, value in values.items()
+        "anchor_pose": {n: finite_or_none(getattr(anchor, n)) for n in ("x", "y", "heading")},
     }

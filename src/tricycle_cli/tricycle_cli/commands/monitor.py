@@ -4,7 +4,7 @@ import argparse
 import json
 import time
 
-from tricycle_cli.arguments import namespace
+from tricycle_cli.argument_types import namespace
 from tricycle_cli.console import plain_console
 from tricycle_core.errors import NodeError
 

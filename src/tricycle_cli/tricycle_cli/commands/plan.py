@@ -15,20 +15,18 @@ from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import SIMULATED
 from excitation_planner.maneuver import family_names, operation_point, shown_ranges
 from excitation_planner.planning import PlanRequest
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, parameter_name, parse_assignments
+from tricycle_cli.options import (
     add_area_option,
     add_lead_in_option,
     add_noise_options,
     add_overwrite_option,
     add_range_options,
     add_vehicle_option,
-    at_least,
     check_output_files,
     describe_later,
     families_of,
     noise_of,
-    parameter_name,
-    parse_assignments,
     refuse_given,
     search_boxes,
     warn_about,

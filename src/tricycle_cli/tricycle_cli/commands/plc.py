@@ -20,7 +20,8 @@ from tricycle_bridge.protocol.messages import (
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
 from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
-from tricycle_cli.arguments import add_overwrite_option, check_output_files, nonnegative_number
+from tricycle_cli.argument_types import nonnegative_number
+from tricycle_cli.options import add_overwrite_option, check_output_files
 from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 

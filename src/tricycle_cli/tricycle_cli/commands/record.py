@@ -6,7 +6,7 @@ import math
 from datetime import datetime
 from pathlib import Path
 
-from tricycle_cli.arguments import nonnegative_number
+from tricycle_cli.argument_types import nonnegative_number
 from tricycle_cli.operation.processes import run_in_foreground
 
 EXAMPLE = """\

@@ -6,9 +6,10 @@ import re
 import sys
 from collections.abc import Collection, Iterable
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number, positive_number
+from tricycle_cli.argument_types import bag_argument, nonnegative_number, positive_number
 from tricycle_cli.commands.bag import NOT_WHOLE
 from tricycle_cli.operation.processes import run_in_foreground
+from tricycle_cli.options import BAG_HELP
 from tricycle_core.errors import BagError, hint
 
 EXAMPLE = """\

@@ -5,7 +5,7 @@ import json
 from functools import partial
 from pathlib import Path
 
-from tricycle_cli.arguments import (
+from tricycle_cli.options import (
     add_overwrite_option,
     add_topic_options,
     add_vehicle_option,

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from paper_reproduction.published import ITEMS
-from tricycle_cli.arguments import add_overwrite_option, check_output_files
 from tricycle_cli.console import plain_console
+from tricycle_cli.options import add_overwrite_option, check_output_files
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, replacing, write_whole
 

@@ -19,14 +19,13 @@ from excitation_planner.maneuver import (
     operation_point,
     with_ranges,
 )
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import at_least, parse_assignments
+from tricycle_cli.options import (
     add_overwrite_option,
     add_range_options,
     add_vehicle_option,
-    at_least,
     check_output_files,
     describe_later,
-    parse_assignments,
     ranges_of,
     refuse_given,
     warn_about,

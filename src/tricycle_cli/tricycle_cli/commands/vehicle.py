@@ -9,9 +9,9 @@ from typing import Any
 
 import yaml
 
-from tricycle_cli.arguments import add_overwrite_option, check_output_files
 from tricycle_cli.completion import HelpFormatter
 from tricycle_cli.console import plain_console
+from tricycle_cli.options import add_overwrite_option, check_output_files
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
 from tricycle_core.optional import check_installed

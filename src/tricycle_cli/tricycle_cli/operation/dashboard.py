@@ -1,6 +1,5 @@
 """Display of a live run in a terminal: links, maneuver, speeds, progress."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tricycle_core.diagnostics import Level
+from tricycle_core.documents import finite_or_none
 from tricycle_core.maneuver_state import PlaybackState
 
 SILENCE = 3.0  # s after which a source counts as silent; diagnostics come once a second
@@ -141,7 +141,7 @@ class Dashboard:
 def _numbers(reading: JointReading | OdometryReading | None) -> dict[str, float | None] | None:
     if reading is None:
         return None
-    return {n: value if math.isfinite(value) else None for n, value in vars(reading).items()}
+    return {n: finite_or_none(value) for n, value in vars(reading).items()}
 
 
 def _levels_and_messages(entries: Mapping[str, DiagnosticEntry]) -> dict[str, dict[str, str]]:

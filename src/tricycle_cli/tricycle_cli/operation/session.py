@@ -172,8 +172,10 @@ def simulated_session(
                 plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None
             ) -> None:
                 operator.pace(real_time_factor)
-                there = back is not None and bool(driven)
-                operator.drive(plan, bag.absolute(), progress=progress, back=there, enough=enough)
+                goes_back = back is not None and bool(driven)
+                operator.drive(
+                    plan, bag.absolute(), progress=progress, back=goes_back, enough=enough
+                )
                 operator.pace(IDLE_PACE)
                 driven.append(bag.name)
 
@@ -241,13 +243,13 @@ def running_session(
         driven: list[str] = []  # names of the bags
 
         def drive(plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None) -> None:
-            there = back is not None and (bool(driven) or plan.area is not None)
-            wait = partial(_wait_for_enter, plan, operator.preflight, there)
+            goes_back = back is not None and (bool(driven) or plan.area is not None)
+            wait = partial(_wait_for_enter, plan, operator.preflight, goes_back)
             operator.drive(
                 plan,
                 bag.absolute(),
                 progress=progress,
-                back=there,
+                back=goes_back,
                 ask=wait if ask else None,
                 enough=enough,
             )

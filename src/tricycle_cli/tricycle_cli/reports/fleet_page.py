@@ -244,8 +244,10 @@ def _sparkline(
     dots = "".join(f"M{a:.0f} {b:.1f}h0" for a, b in zip(x, y, strict=True))
     inside = ""
     if parameter in fleet.populations:
-        found = fleet.populations[parameter]
-        top, bottom = down(found.mean.middle + found.spread.middle * np.array([1.0, -1.0]))
+        population = fleet.populations[parameter]
+        top, bottom = down(
+            population.mean.middle + population.spread.middle * np.array([1.0, -1.0])
+        )
         inside = f'<rect y="{top:.1f}" width="{WIDTH}" height="{max(bottom - top, 0.5):.1f}"/>'
     inside += f'<path d="{bars}"/>'
     if member is not None and change is not None and span[1] > span[0]:

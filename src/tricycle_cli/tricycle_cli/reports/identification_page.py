@@ -1,7 +1,6 @@
 """Results of an identification as one HTML page and as figures."""
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from matplotlib.figure import Figure
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.intervals import half_width
-from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
 from parameter_identification.identified_vehicle import (
@@ -49,7 +47,7 @@ def drawn_drives(found: Identification) -> tuple[DriveFit, ...]:
     found : Identification
         Result of `identify`.
     """
-    worst = sorted(found.drives, key=lambda drive: _rms(drive.after))[-MOST_DRAWN:]
+    worst = sorted(found.drives, key=lambda drive: drive.after[Sensor.POSITION].rms)[-MOST_DRAWN:]
     return tuple(drive for drive in found.drives if any(drive is one for one in worst))
 
 
@@ -68,8 +66,8 @@ def trajectories_figure(found: Identification) -> Figure:
         before, after = drive.before[Sensor.POSITION], drive.after[Sensor.POSITION]
         measured = after.values + after.residual
         axes.plot(*measured.T, ".", color="0.6", markersize=2, label="measured")
-        axes.plot(*before.values.T, color=BLUE, label=f"before, rms {_rms(drive.before):.0f} mm")
-        axes.plot(*after.values.T, color=VERMILLION, label=f"after, rms {_rms(drive.after):.0f} mm")
+        axes.plot(*before.values.T, color=BLUE, label=f"before, rms {1e3 * before.rms:.0f} mm")
+        axes.plot(*after.values.T, color=VERMILLION, label=f"after, rms {1e3 * after.rms:.0f} mm")
         axes.plot(*after.values[0], "o", color=GREEN, label="start")
         axes.set_title(drive.name, parse_math=False)
         axes.set(xlabel="x / m", ylabel="y / m")
@@ -81,12 +79,6 @@ def trajectories_figure(found: Identification) -> Figure:
         distance.set(xlabel="time since the start / s", ylabel="distance / mm")
         distance.grid(alpha=0.3)
     return figure
-
-
-def _rms(predictions: Mapping[Sensor, Prediction]) -> float:
-    """Return the root mean square of the position residuals [mm]."""
-    residual = predictions[Sensor.POSITION].residual
-    return 1e3 * math.sqrt(float((residual**2).sum(axis=1).mean()))
 
 
 def residuals_figure(found: Identification) -> Figure:

@@ -339,8 +339,8 @@ def _cost_by_axis(
 ) -> go.Figure:
     figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
     figure.update_layout(_layout(HEIGHT))
-    found = np.isfinite(search.cost)
-    known = search.cost[found]
+    drivable = np.isfinite(search.cost)
+    known = search.cost[drivable]
     by_decades = bool(np.all(known > 0.0))  # D is a logarithm already
     the_plan = {"color": PURPLE, "dash": "dash"}
     above = np.max(
@@ -349,13 +349,13 @@ def _cost_by_axis(
     for column, name in enumerate(names):
         where = {"row": 1, "col": column + 1}
         figure.add_scatter(
-            x=search.x[found, column], y=known, name="tried", mode="markers",
-            marker={"size": 6, "color": VERMILLION}, text=texts[found], showlegend=column == 0,
+            x=search.x[drivable, column], y=known, name="tried", mode="markers",
+            marker={"size": 6, "color": VERMILLION}, text=texts[drivable], showlegend=column == 0,
             **where,
         )  # fmt: skip
-        if not found.all():
+        if not drivable.all():
             figure.add_scatter(
-                x=search.x[~found, column], y=np.full(np.sum(~found), above), name=left_out,
+                x=search.x[~drivable, column], y=np.full(np.sum(~drivable), above), name=left_out,
                 mode="markers", hoverinfo="x", showlegend=column == 0,
                 marker={"size": 8, "symbol": "x-thin", "line": {"width": 1, "color": GREY}},
                 **where,

@@ -12,7 +12,11 @@ from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
     from parameter_identification.drives.measured import MeasuredDrive
-    from parameter_identification.estimation.results import HeldOut, Identification
+    from parameter_identification.estimation.results import (
+        HeldOut,
+        Identification,
+        IdentifiedParameters,
+    )
     from parameter_identification.fleet import Fleet
     from parameter_identification.many_drives import ManyDrives
 
@@ -182,7 +186,7 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:MOST_MEMBERS])}{more}"
 
 
-def _taken_as_known(found: Identification | ManyDrives) -> list[str]:
+def _taken_as_known(found: IdentifiedParameters) -> list[str]:
     """Parameters that were held, and what moved as measured."""
     lines = []
     if found.fixed:
@@ -198,7 +202,7 @@ def _taken_as_known(found: Identification | ManyDrives) -> list[str]:
     return lines
 
 
-def _not_asked_for(found: Identification | ManyDrives) -> list[str]:
+def _not_asked_for(found: IdentifiedParameters) -> list[str]:
     if not found.others:
         return []
     names = ", ".join(found.others)
@@ -281,9 +285,9 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     known = {*fleet.populations, *fleet.shared, *fleet.own}
     lines += [f"{name}: too few vehicles show it" for name in parameters if name not in known]
     coloured = [
-        f"{name} ({found.not_white} of {len(found.drives)} drives)"
-        for name, found in fleet.vehicles.items()
-        if not found.white
+        f"{name} ({vehicle.not_white} of {len(vehicle.drives)} drives)"
+        for name, vehicle in fleet.vehicles.items()
+        if not vehicle.white
     ]
     if coloured:
         lines.append(
@@ -299,8 +303,8 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     lines += _not_whole(
         [
             f"{name}/{drive.name}"
-            for name, found in fleet.vehicles.items()
-            for drive in found.drives
+            for name, vehicle in fleet.vehicles.items()
+            for drive in vehicle.drives
             if not drive.complete
         ]
     )

@@ -119,13 +119,13 @@ def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive
     except ReportError as error:  # many programs write a file of this name
         left_out = f"Not shown, as it is not of tricycle demo: {error}"
     driven = {bag: _driven(bag, read, plans, result) for bag in _bags(folder)}
-    found: dict[Path, Maneuver] = {}
+    planned: dict[Path, Maneuver] = {}
     for file, plan in plans.items():
         drives = {
             bag: m for bag, m in driven.items() if m.plan is not None and m.plan.id == plan.id
         }
-        found |= drives or {file: Maneuver(_name(file), plan)}
-    maneuvers = _named_apart(found | driven, folder)
+        planned |= drives or {file: Maneuver(_name(file), plan)}
+    maneuvers = _named_apart(planned | driven, folder)
     depths = ("", "*/", "*/*/")
     files = sorted(file for depth in depths for file in folder.glob(f"{depth}{IDENTIFICATION}"))
     identifications = tuple(_identification(file, result) for file in files)

@@ -198,9 +198,9 @@ def fleet_figure(fleet: Fleet) -> Figure:
     count, rows = max(1, len(fleet.populations)), min(len(fleet.vehicles), MOST_VEHICLES)
     figure = Figure(figsize=(4.6 * count, 1.8 + 0.28 * rows), layout="constrained")
     panels = figure.subplots(1, count, squeeze=False)[0]
-    for (name, found), axes in zip(fleet.populations.items(), panels, strict=False):
-        members = sorted(found.members, key=lambda m: abs(m.distance))[-MOST_VEHICLES:]
-        mean, spread = found.mean.middle, found.spread.middle
+    for (name, population), axes in zip(fleet.populations.items(), panels, strict=False):
+        members = sorted(population.members, key=lambda m: abs(m.distance))[-MOST_VEHICLES:]
+        mean, spread = population.mean.middle, population.spread.middle
         axes.axvspan(mean - spread, mean + spread, color="0.9", label="population: mean ± spread")
         axes.axvline(mean, color="0.6", linewidth=1.0)
         for row, m in enumerate(members):

@@ -19,6 +19,7 @@ from tricycle_core.quantities import with_deviation
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
     from parameter_identification.estimation.population import Interval, Population
+    from parameter_identification.estimation.results import IdentifiedParameters
     from parameter_identification.fleet import Fleet
     from parameter_identification.identification import Estimate, Identification
     from parameter_identification.identification_file import ParameterEntry
@@ -178,13 +179,13 @@ def judgement_table(judgements: Sequence[Judgement]) -> Table:
 
 
 def parameter_rows(
-    found: Identification | ManyDrives, truth: Mapping[str, float] | None = None
+    found: IdentifiedParameters, truth: Mapping[str, float] | None = None
 ) -> list[tuple[str, ...]]:
     """Return the cells of the table of parameters, under `HEADINGS`.
 
     Parameters
     ----------
-    found : Identification or ManyDrives
+    found : IdentifiedParameters
         Result of an identification.
     truth : mapping of str to float, optional
         Hidden true values where they are known; default: those that the bags hold.

@@ -78,8 +78,12 @@ class Fmu:
             unit = (units or {}).get(name)
             self._check("parameters", name, variable, ("parameter", "input"), unit)
         for name in mapping.start_values:
-            found = self._find("start_values", name)
-            self.places["start_values", name] = self._kind(found), found.valueReference, 1.0
+            start_value = self._find("start_values", name)
+            self.places["start_values", name] = (
+                self._kind(start_value),
+                start_value.valueReference,
+                1.0,
+            )
         self._folder = tempfile.mkdtemp(prefix="fmu-")
         try:
             fmpy.extract(str(path), unzipdir=self._folder)
@@ -105,15 +109,15 @@ class Fmu:
     ) -> None:
         """Raise a `PlantError` unless a variable fits; keep the factor of its unit."""
         where = f"{self.mapping.path}: {part}.{name}"
-        found = self._find(part, wanted.variable)
-        if found.causality not in causalities:
+        variable = self._find(part, wanted.variable)
+        if variable.causality not in causalities:
             raise PlantError(
-                f"{where}: {wanted.variable} is {found.causality or 'local'}, needs "
+                f"{where}: {wanted.variable} is {variable.causality or 'local'}, needs "
                 f"{' or '.join(causalities)}"
             )
-        if found.type not in _TYPES:
-            raise PlantError(f"{where}: {wanted.variable} is {found.type}, needs a number")
-        own = found.unit or (found.declaredType.unit if found.declaredType else None)
+        if variable.type not in _TYPES:
+            raise PlantError(f"{where}: {wanted.variable} is {variable.type}, needs a number")
+        own = variable.unit or (variable.declaredType.unit if variable.declaredType else None)
         if own and wanted.unit and _plain(own) != _plain(wanted.unit):
             raise PlantError(
                 f"{where}: unit: the FMU has {wanted.variable} in {own}, not {wanted.unit}"
@@ -128,8 +132,8 @@ class Fmu:
                     f"{' or '.join(UNITS.get(unit, {unit: 1.0}))}"
                 )
             factor = factors[_plain(told)]
-        kind = self._kind(found)
-        self.places[part, name] = kind, found.valueReference, factor * wanted.scale
+        kind = self._kind(variable)
+        self.places[part, name] = kind, variable.valueReference, factor * wanted.scale
         if part == "outputs":
             reading = self.readings.setdefault(kind, ([], [], []))
             for column, entry in zip(reading, (name, *self.places[part, name][1:]), strict=True):

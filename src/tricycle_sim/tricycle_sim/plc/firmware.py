@@ -16,6 +16,7 @@ from tricycle_bridge.protocol.boards import (
     LINE_RESTING,
 )
 from tricycle_bridge.protocol.messages import (
+    MAX_COMMAND_AGE,
     Board,
     Fault,
     PlcState,
@@ -96,7 +97,7 @@ class _FirmwarePlc:
             PLC time in us.
         """
         ticks = self._c.host_command_age(self._host, ctypes.c_uint32(now_us & 0xFFFFFFFF))
-        return None if ticks == 255 else 10_000 * ticks
+        return None if ticks == MAX_COMMAND_AGE else 10_000 * ticks
 
     def reset(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
         """Boot: everything but the boot count is forgotten."""

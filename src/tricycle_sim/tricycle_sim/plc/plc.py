@@ -20,7 +20,10 @@ from tricycle_bridge.protocol.framing import DELIMITER, Frame, FrameDecoder, enc
 from tricycle_bridge.protocol.limits import ANSWER_BUDGET, ARMING_COMMANDS, STALE_TICKS, WATCHDOG
 from tricycle_bridge.protocol.messages import (
     MAJOR,
+    MAX_COMMAND_AGE,
     MINOR,
+    NEWEST_STEP,
+    OLD_STATE_SHIFT,
     Ack,
     Board,
     Capability,
@@ -54,7 +57,6 @@ from tricycle_sim.setpoints import slew
 
 _WATCHDOG_US = round(WATCHDOG * 1e6)
 _TICK_US = round(TICK * 1e6)
-_NEWEST_STEP = 127  # between numbers of operations; further is backwards
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 
 
@@ -410,7 +412,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
         self._state_since = now_us
         if old is PlcState.ARMED:
             self._left_armed(now_us)
-        self._send(Event(now_us & _U32, code, old << 4 | state, self.faults))
+        self._send(Event(now_us & _U32, code, old << OLD_STATE_SHIFT | state, self.faults))
 
     def _estop(self, fault: Fault, now_us: int) -> None:
         self.faults |= fault
@@ -437,10 +439,10 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
         if control.op in (Op.ARM, Op.CLEAR):
             if step == 0:
                 return self._operation_result
-            if step > _NEWEST_STEP or self._is_stale(control.echo, now_us):
+            if step > NEWEST_STEP or self._is_stale(control.echo, now_us):
                 return Result.STALE
         result = self._do(Op(control.op), now_us)
-        if 0 < step <= _NEWEST_STEP:
+        if 0 < step <= NEWEST_STEP:
             self._operation, self._operation_result = control.number, result
         return result
 
@@ -534,7 +536,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
 
     def _age_ticks(self, now_us: int) -> int:
         age = self.command_age(now_us)
-        return 255 if age is None else min(age // _TICK_US, 255)
+        return MAX_COMMAND_AGE if age is None else min(age // _TICK_US, MAX_COMMAND_AGE)
 
 
 def clamp(value: int, low: int, high: int) -> int:

@@ -46,6 +46,7 @@ from tricycle_sim.vehicle.parts import (
     steering_constants,
     structure_of,
 )
+from tricycle_sim.vehicle.sensing import lateral_specific_force, relative_spin
 from tricycle_sim.vehicle.stability import check_step, lengthen_relaxation
 from tricycle_sim.vehicle.wheels import Wheel
 
@@ -191,20 +192,10 @@ _ROWS = {
 }
 
 
-def _lateral_acceleration(
-    _: FloatArray,
-    q0: FloatArray,
-    q1: FloatArray,
-    q2: FloatArray,
-    q3: FloatArray,
-    *others: FloatArray,
-) -> FloatArray:
-    """Specific force to the left: acceleration, and the part of gravity that the body sees."""
-    u, w, p, r, slope, up_x, up_y, up_z = others
-    force: FloatArray = slope + r * u - p * w
-    force += up_x * 2.0 * (q1 * q2 - q0 * q3) + up_y * (1.0 - 2.0 * (q1 * q1 + q3 * q3))
-    force += up_z * 2.0 * (q2 * q3 + q0 * q1)
-    return force
+def _lateral_acceleration(_: FloatArray, *rows: FloatArray) -> FloatArray:
+    q0, q1, q2, q3, u, w, p, r, slope, *gravity = rows
+    x, y, z = gravity
+    return lateral_specific_force((u, w), (p, r), slope, (q0, q1, q2, q3), (x, y, z))
 
 
 def _itself(_: FloatArray, signal: FloatArray) -> FloatArray:
@@ -309,14 +300,9 @@ class CommandedBatch:
         columns = {name: ((row,), _itself) for name, row in _ROWS.items()} | _DERIVED
 
         def relative(side: int) -> Callable[..., FloatArray]:
-            def speed(
-                axles: FloatArray, spin: FloatArray, p: FloatArray, q: FloatArray, r: FloatArray
-            ) -> FloatArray:
-                if side < 0:
-                    return spin - q
-                x, y, z = axles[4 * side : 4 * side + 3]
-                relative: FloatArray = spin - (p * x + q * y + r * z)
-                return relative
+            def speed(axles: FloatArray, spin: FloatArray, *rates: FloatArray) -> FloatArray:
+                axle = None if side < 0 else axles[4 * side : 4 * side + 3]
+                return relative_spin(spin, rates, axle)
 
             return speed
 
@@ -409,12 +395,12 @@ class CommandedBatch:
         advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), every, out)
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
         axles, angles = axles[..., ::every], angles[..., ::every]
-        found = {
+        computed = {
             name: self.available[name][1](axles, *(recorded[row] for row in need))
             for name, need in needs.items()
         }
         angles = np.broadcast_to(angles, (len(parameters), angles.shape[-1]))
-        return Run(found, angles, groups, self._vehicle.wheels)
+        return Run(computed, angles, groups, self._vehicle.wheels)
 
     def _own_commands(
         self,

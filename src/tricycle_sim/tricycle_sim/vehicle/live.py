@@ -24,7 +24,6 @@ from tricycle_sim.vehicle.layout import (
     LANES,
     SLOPE,
     STATE,
-    STATES,
     WHEEL_EVALUATED,
     WHEEL_STATES,
     numbered,
@@ -38,6 +37,7 @@ from tricycle_sim.vehicle.parts import (
     steering_constants,
     structure_of,
 )
+from tricycle_sim.vehicle.sensing import relative_spin, specific_force
 from tricycle_sim.vehicle.stability import check_step, lengthen_relaxation
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -212,46 +212,22 @@ class LiveVehicle:
 
     def _read(self) -> LiveState:
         values: FloatArray = self._rows[:, 0]
-        x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = values[: STATE.r + 1].tolist()
+        x, y, z, *quaternion = values[: STATE.q3 + 1].tolist()
+        attitude = tuple(quaternion)
+        velocity = tuple(values[STATE.u : STATE.w + 1].tolist())
+        rates = tuple(values[STATE.p : STATE.r + 1].tolist())
         wheels = len(self.vehicle.wheels)
         spins = values[of_wheels(STATE.spin, WHEEL_STATES, wheels)].tolist()
-        slopes = values[SLOPE : SLOPE + STATES]
-        du, dv, dw = slopes[STATE.u : STATE.w + 1].tolist()
+        slopes = values[SLOPE + STATE.u : SLOPE + STATE.w + 1].tolist()
         axles = self._table[-1].tolist()
         wheel_speeds = tuple(
-            spin
-            - (
-                q
-                if side < 0
-                else p * axles[4 * side] + q * axles[4 * side + 1] + r * axles[4 * side + 2]
-            )
+            relative_spin(spin, rates, None if side < 0 else axles[4 * side : 4 * side + 3])
             for spin, side in zip(spins, self._sides[:wheels], strict=True)
         )
         drive_speed = sum(a * b for a, b in zip(self._shares, wheel_speeds, strict=True))
         self._drive_angle += 0.5 * TICK * (self._drive_speed + drive_speed)
         self._drive_speed = drive_speed
-        attitude = (q0, q1, q2, q3)
-        up_x, up_y, up_z = values[[_BODY.gravity_x, _BODY.gravity_y, _BODY.gravity_z]].tolist()
-        specific_force = (
-            du
-            + q * w
-            - r * v
-            + up_z * 2.0 * (q1 * q3 - q0 * q2)
-            + up_x * (1.0 - 2.0 * (q2 * q2 + q3 * q3))
-            + up_y * 2.0 * (q1 * q2 + q0 * q3),
-            dv
-            + r * u
-            - p * w
-            + up_z * 2.0 * (q2 * q3 + q0 * q1)
-            + up_x * 2.0 * (q1 * q2 - q0 * q3)
-            + up_y * (1.0 - 2.0 * (q1 * q1 + q3 * q3)),
-            dw
-            + p * v
-            - q * u
-            + up_z * (1.0 - 2.0 * (q1 * q1 + q2 * q2))
-            + up_x * 2.0 * (q1 * q3 + q0 * q2)
-            + up_y * 2.0 * (q2 * q3 - q0 * q1),
-        )
+        gravity = values[[_BODY.gravity_x, _BODY.gravity_y, _BODY.gravity_z]].tolist()
         torque = float(values[STATE.torque])
         power = torque * drive_speed + self.vehicle.motor_copper_loss * torque**2
         return LiveState(
@@ -263,13 +239,13 @@ class LiveVehicle:
             roll=float(roll_angle(attitude)),
             pitch=float(pitch_angle(attitude)),
             yaw=float(yaw_angle(attitude)),
-            vx=u,
-            vy=v,
-            vz=w,
-            roll_rate=p,
-            pitch_rate=q,
-            yaw_rate=r,
-            specific_force=specific_force,
+            vx=velocity[0],
+            vy=velocity[1],
+            vz=velocity[2],
+            roll_rate=rates[0],
+            pitch_rate=rates[1],
+            yaw_rate=rates[2],
+            specific_force=specific_force(velocity, rates, slopes, attitude, gravity),
             wheel_speeds=wheel_speeds,
             drive_speed=drive_speed,
             drive_angle=self._drive_angle,

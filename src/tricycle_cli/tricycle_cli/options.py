@@ -1,48 +1,26 @@
-"""Values of arguments that several subcommands take."""
+"""Options that several subcommands have: their declaration, and what they ask for."""
 
 from __future__ import annotations
 
-import math
-import re
 import sys
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, _ArgumentGroup
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from argparse import ArgumentParser, Namespace, _ArgumentGroup
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from trajectory_recorder.bag.location import bag_path
+from tricycle_cli.argument_types import at_least, datum
 from tricycle_core.documents import check_folder
-from tricycle_core.errors import BagError, ExcitationError, PlanError
+from tricycle_core.errors import ExcitationError, PlanError
 
 if TYPE_CHECKING:
     from excitation_planner.design.noise import MeasurementNoise
     from excitation_planner.maneuver import ManeuverFamily
-    from parameter_identification.drives.poses import Datum
     from parameter_identification.drives.recorded import TopicNames
     from tricycle_sim.vehicle import Vehicle
 
 BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, sftp://, ...)"
 """Help text of an argument that names a bag."""
-
-
-def bag_argument(text: str) -> Path:
-    """Return where a bag is.
-
-    Parameters
-    ----------
-    text : str
-        Path or URL.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is a URL that cannot be read here.
-    """
-    try:
-        return bag_path(text)
-    except BagError as error:
-        raise ArgumentTypeError(str(error)) from error
 
 
 def warn_about(vehicle: Vehicle, args: Namespace) -> None:
@@ -230,23 +208,6 @@ def add_workers_option(parser: ArgumentParser) -> None:
     )
 
 
-def at_least(least: int) -> Callable[[str], int]:
-    """Return an argument type for whole numbers.
-
-    Parameters
-    ----------
-    least : int
-        Smallest number that it accepts.
-    """
-
-    def parse(text: str) -> int:
-        if not (text.isascii() and text.isdigit()) or int(text) < least:
-            raise ArgumentTypeError(f"{text!r}: needs a whole number, {least} or more")
-        return int(text)
-
-    return parse
-
-
 def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, MeasurementNoise]) -> None:
     """Declare the options of the measurement noise of a drive.
 
@@ -413,7 +374,7 @@ def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:
         metavar="FRAME",
         help="of the poses and transforms to take (default: base_link)",
     )
-    add("--datum", type=_datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix, degrees and m")
+    add("--datum", type=datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix, degrees and m")
 
 
 def topics_of(args: Namespace, kept: TopicNames | None = None) -> TopicNames:
@@ -431,17 +392,6 @@ def topics_of(args: Namespace, kept: TopicNames | None = None) -> TopicNames:
     names = kept or TopicNames()
     given = {name: getattr(args, name, None) for name in vars(names)}
     return replace(names, **{name: value for name, value in given.items() if value is not None})
-
-
-def _datum(text: str) -> Datum:
-    from parameter_identification.drives.poses import Datum
-
-    try:
-        return Datum(*(float(number) for number in text.split(",")))
-    except ExcitationError as error:  # a ValueError, too
-        raise ArgumentTypeError(str(error)) from error
-    except (ValueError, TypeError) as error:
-        raise ArgumentTypeError(f"{text!r}: needs LAT,LON or LAT,LON,ALT") from error
 
 
 def describe_later(parser: ArgumentParser, describe: Callable[[], None]) -> None:
@@ -472,143 +422,3 @@ def search_boxes() -> str:
         for name in family_names()
     ]
     return "\n".join(["search boxes, in m, m/s, rad and Hz; --range sets others:", *lines, ""])
-
-
-def real_time_factor(text: str) -> float:
-    """Return the largest ratio of simulated to wall time, from 0 (no limit) to 1000.
-
-    Parameters
-    ----------
-    text : str
-        Text of the argument.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number of that range.
-    """
-    factor = _number(text)
-    if not 0.0 <= factor <= 1000.0:
-        raise ArgumentTypeError(f"{text!r}: must be from 0 (as fast as it runs) to 1000")
-    return factor
-
-
-def nonnegative_number(text: str) -> float:
-    """Return a finite number from 0.
-
-    Parameters
-    ----------
-    text : str
-        Text of the argument.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If the text is not such a number.
-    """
-    value = _number(text)
-    if not 0.0 <= value < math.inf:
-        raise ArgumentTypeError(f"{text!r}: needs a number, 0 or more")
-    return value
-
-
-def positive_number(text: str) -> float:
-    """Return a finite number above 0.
-
-    Parameters
-    ----------
-    text : str
-        Text of the argument.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If the text is not such a number.
-    """
-    value = _number(text)
-    if not 0.0 < value < math.inf:
-        raise ArgumentTypeError(f"{text!r}: needs a number above 0")
-    return value
-
-
-def namespace(text: str) -> str:
-    """Return a namespace of ROS nodes.
-
-    Parameters
-    ----------
-    text : str
-        Argument; empty: none.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If no node can have it.
-    """
-    if not re.fullmatch(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?", text, re.ASCII):
-        raise ArgumentTypeError(f"'{text}' is not a namespace, as in first or /yard/first")
-    return text
-
-
-def parameter_name(text: str) -> str:
-    """Return the name of a parameter; it may be typed with `-` or `_`.
-
-    Parameters
-    ----------
-    text : str
-        Text of the argument.
-    """
-    return text.replace("-", "_")
-
-
-def parameter_names(text: str) -> tuple[str, ...]:
-    """Return names of parameters, typed as for `parameter_name`.
-
-    Parameters
-    ----------
-    text : str
-        Names, separated by commas.
-
-    Examples
-    --------
-    >>> parameter_names("front.cornering-stiffness,yaw_inertia")
-    ('front.cornering_stiffness', 'yaw_inertia')
-    """
-    return tuple(map(parameter_name, text.split(",")))
-
-
-def parse_assignments(pairs: Sequence[str]) -> dict[str, float]:
-    """Return numbers by name.
-
-    Parameters
-    ----------
-    pairs : sequence of str
-        Texts of the form `name=value`.
-
-    Raises
-    ------
-    PlanError
-        If a text has another form, or a name comes twice.
-
-    Examples
-    --------
-    >>> parse_assignments(["radius=3", "speed=0.8"])
-    {'radius': 3.0, 'speed': 0.8}
-    """
-    values: dict[str, float] = {}
-    for pair in pairs:
-        name, _, text = pair.partition("=")
-        try:
-            value = float(text)
-        except ValueError:
-            raise PlanError(f"{pair!r}: needs name=number") from None
-        if name in values:
-            raise PlanError(f"{name} is given twice")
-        values[name] = value
-    return values
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan

@@ -4,7 +4,7 @@ from argparse import ArgumentTypeError
 
 import pytest
 
-from tricycle_cli.arguments import (
+from tricycle_cli.argument_types import (
     at_least,
     namespace,
     nonnegative_number,
