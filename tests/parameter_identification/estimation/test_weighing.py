@@ -86,6 +86,7 @@ def test_an_effect_without_which_the_cost_is_more_than_linear_is_indispensable(e
 class Possible:
     name: str
     chance: float
+    parts: tuple = ()
 
 
 class Curved:

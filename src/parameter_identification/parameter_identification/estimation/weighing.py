@@ -32,6 +32,7 @@ ROUGHLY = 0.5  # probability of subsets that are left out where the most probabl
 SURPRISE = 30.0  # of the cost, from which a fit shows that the motion is not linear in an effect
 ENOUGH = 0.1  # of it, to which such fits are compared
 NOTICEABLE = 0.1  # standard deviations of its prior, from which an effect may be the cause
+CLEARLY = 2.0  # standard deviations of its prior, of an effect from which a search begins
 SURELY = 0.99  # probability of one that needs no further look
 INDISPENSABLE = 1.0 - 1e-15  # probability of such an effect
 
@@ -78,8 +79,9 @@ def weigh_effects(
 
     That is the distribution of parameters and effects, and the probability of each effect by name.
     Where the motion is not linear in the effects, the most probable ones near a fit depend on the
-    fit. So there are two searches, from all effects and from none, and the average is that of both
-    ends by their evidence.
+    fit. So there are two searches, from all effects and from none. Where their ends differ, there
+    is another one from each effect that brings another law, as of a tyre, and is in neither end.
+    The average is that of all ends by their evidence.
 
     Parameters
     ----------
@@ -90,12 +92,22 @@ def weigh_effects(
         The best fit with all effects.
     """
     effects, noise, sizes = _Effects(problem), problem.noise, problem.sizes()
+
+    def explained_from(free: NDArray[np.bool_], start: FloatArray) -> _Explanation:
+        _set_weights(problem, noise, sizes, optimum.fit.at)
+        return _explained(problem, problem.minimise(start, free), free)
+
     explanations = [_explained(problem, optimum.fit, np.ones(problem.n, dtype=bool))]
     none = effects.free_in(np.zeros(len(effects.places), dtype=bool))
     if not np.array_equal(explanations[0].free, none):
-        _set_weights(problem, noise, sizes, optimum.fit.at)
-        start = np.where(none, optimum.fit.at, 0.0)
-        explanations.append(_explained(problem, problem.minimise(start, none), none))
+        explanations.append(explained_from(none, np.where(none, optimum.fit.at, 0.0)))
+        with_all, with_none = (one.free for one in explanations)
+        if not np.array_equal(with_all, with_none):
+            for at in effects.laws:
+                if not (with_all | with_none)[at].any():
+                    free, start = none.copy(), np.where(none, optimum.fit.at, 0.0)
+                    free[at], start[at] = True, np.fmin(problem.high[at], CLEARLY)
+                    explanations.append(explained_from(free, start))
     best = max(explanations, key=lambda one: one.evidence)
     least = best.evidence + math.log(NEGLECTED)
     explanations = [one for one in explanations if one.evidence > least]
@@ -179,6 +191,8 @@ class _Effects:
     ----------
     places : dict of str to list of int
         Variables of each effect, by its name.
+    laws : list of list of int
+        Variables of each effect by which a part of the vehicle has another law.
     variables : ndarray of int
         Indices of the mixture's variables among the problem's: the parameters and all effects that
         are weighed here.
@@ -192,6 +206,7 @@ class _Effects:
         self.log_odds_added = 0.0
         self._chances = {effect.name: effect.chance for effect in effects}
         self.places = {effect.name: at for effect, at in effects.items()}
+        self.laws = [at for effect, at in effects.items() if effect.parts]
         of_effects = sorted(i for at in self.places.values() for i in at)
         self.variables = np.append(np.arange(problem.k), of_effects).astype(int)
         self._rest = np.setdiff1d(np.arange(problem.n), self.variables)
