@@ -96,6 +96,7 @@ class Curved:
     low, high = np.full(3, -9.0), np.full(3, 9.0)
     noise = MappingProxyType({})
     std, chance = 0.15, 0.3
+    of_deviations = np.zeros(3, dtype=bool)
 
     def __init__(self, slopes, curvatures, seen):
         self.slopes, self.curvatures, self.seen = map(np.array, (slopes, curvatures, seen))

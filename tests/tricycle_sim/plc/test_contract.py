@@ -414,7 +414,7 @@ def test_it_says_who_it_is_and_streams_its_state(host):
     ack = host.hello()
     assert (ack.board, ack.nonce, ack.watchdog) == (host.board, 99, 200)
     states = [x for x in host.run(0.5) if isinstance(x, m.SteerState | m.DriveState)]
-    assert len(states) == pytest.approx(50, abs=5)
+    assert len(states) > 20  # of some 50: by the board's clock, which a busy machine does not stop
     assert states[-1].t - states[0].t == pytest.approx(10_000 * (len(states) - 1), abs=20_000)
     assert states[-1].state == State.SAFE
 

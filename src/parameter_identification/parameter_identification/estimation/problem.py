@@ -451,6 +451,14 @@ class LeastSquares(Closing):
                     found.setdefault(n.effect, set()).add(i)
         return {effect: sorted(places) for effect, places in found.items()}
 
+    @property
+    def of_deviations(self) -> NDArray[np.bool_]:
+        """True for variables (n,) of deviations."""
+        found = np.zeros(self.n, dtype=bool)
+        for places in self._processes.values():
+            found[places] = True
+        return found
+
     def estimate_sizes(self, v: FloatArray) -> None:
         """Set how large the deviations are, for which their estimates at `v` are most likely.
 

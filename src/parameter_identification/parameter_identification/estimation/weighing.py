@@ -80,7 +80,8 @@ def weigh_effects(
     That is the distribution of parameters and effects, and the probability of each effect by name.
     Where the motion is not linear in the effects, the most probable ones near a fit depend on the
     fit. So there are two searches, from all effects and from none. Where their ends differ, there
-    is another one from each effect that brings another law, as of a tyre, and is in neither end.
+    are others: from all effects after a fit without deviations, which may have taken up what an
+    effect does, and from each effect that brings another law, as of a tyre, and is in neither end.
     The average is that of all ends by their evidence.
 
     Parameters
@@ -97,20 +98,24 @@ def weigh_effects(
         _set_weights(problem, noise, sizes, optimum.fit.at)
         return _explained(problem, problem.minimise(start, free), free)
 
-    explanations = [_explained(problem, optimum.fit, np.ones(problem.n, dtype=bool))]
+    everything = np.ones(problem.n, dtype=bool)
+    explanations = [_explained(problem, optimum.fit, everything)]
     none = effects.free_in(np.zeros(len(effects.places), dtype=bool))
     if not np.array_equal(explanations[0].free, none):
-        explanations.append(explained_from(none, np.where(none, optimum.fit.at, 0.0)))
+        start = np.where(none & ~problem.of_deviations, optimum.fit.at, 0.0)
+        explanations.append(explained_from(none, start))
         with_all, with_none = (one.free for one in explanations)
         if not np.array_equal(with_all, with_none):
+            _set_weights(problem, noise, sizes, optimum.fit.at)
+            undeviating = problem.minimise(start, ~problem.of_deviations).at
+            explanations.append(explained_from(everything, undeviating))
             for at in effects.laws:
                 if not (with_all | with_none)[at].any():
-                    free, start = none.copy(), np.where(none, optimum.fit.at, 0.0)
-                    free[at], start[at] = True, np.fmin(problem.high[at], CLEARLY)
-                    explanations.append(explained_from(free, start))
-    best = max(explanations, key=lambda one: one.evidence)
-    least = best.evidence + math.log(NEGLECTED)
-    explanations = [one for one in explanations if one.evidence > least]
+                    free, with_law = none.copy(), start.copy()
+                    free[at], with_law[at] = True, np.fmin(problem.high[at], CLEARLY)
+                    explanations.append(explained_from(free, with_law))
+    explanations = _distinct(explanations)
+    best = explanations[0]
     _set_weights(problem, best.noise, best.sizes, best.fit.at)
     evidence = np.array([one.evidence for one in explanations])
     average = joined([one.average for one in explanations], evidence)
@@ -170,6 +175,20 @@ def _explained(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _Exp
         deviations=deviations,
         evidence=found.evidence - effects.log_odds_added + of_drives,
     )
+
+
+def _distinct(explanations: Sequence[_Explanation]) -> list[_Explanation]:
+    """Explanations that are not improbable, each once, the most probable one first."""
+    distinct: list[_Explanation] = []
+    for one in sorted(explanations, key=lambda one: -one.evidence):
+        known = any(
+            np.array_equal(one.free, other.free) and one.sizes == other.sizes for other in distinct
+        )
+        if not known and (
+            not distinct or one.evidence > distinct[0].evidence + math.log(NEGLECTED)
+        ):
+            distinct.append(one)
+    return distinct
 
 
 def _set_weights(
