@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from parameter_identification.estimation.optimum import find_optimum
 from parameter_identification.estimation.problem import Fit
@@ -15,6 +16,7 @@ class Valleys:
     """Two parameters; a search ends where it comes into the nearest of some valleys."""
 
     k = n = 2
+    of_deviations = np.zeros(2, dtype=bool)
 
     def __init__(self, starts, bottoms):
         self.noise = {}
@@ -73,3 +75,35 @@ def test_what_was_best_before_the_noise_was_known_is_no_rival():
     np.testing.assert_allclose(found.fit.at, at[1])
     assert found.rivals == ()
     assert found.starts == (2, 1)
+
+
+class Deviating(Valleys):
+    """A parameter that acts from 0.7 on, and a deviation that may do instead what it does."""
+
+    k = 1
+    of_deviations = np.array([False, True])
+
+    def minimise(self, start, free=None, *, tolerance=0.01):
+        free = np.ones(2, dtype=bool) if free is None else free
+
+        def point(some):
+            v = start.copy()
+            v[free] = some
+            return v
+
+        def residual(some):
+            acts, deviation = point(some)
+            lacking = 1.0 / (1.0 + np.exp(20.0 * (acts - 0.7)))
+            return [100.0 * lacking - 10.0 * deviation, deviation, 5.0 * (acts - 0.2)]
+
+        found = least_squares(residual, start[free])
+        return Fit(point(found.x), 2.0 * found.cost)
+
+
+def test_what_a_deviation_took_up_is_found_by_a_start_without_it():
+    problem = Deviating([[0.2, 0.0]], [[0.9, 0.0]])
+    taken_up = problem.minimise(problem.starts[0])
+    found = find_optimum(problem, starts=1, seed=0, level=0.95)
+    assert taken_up.at[1] > 9.0
+    assert abs(found.fit.at[1]) < 1.0
+    assert found.fit.cost < 0.5 * taken_up.cost

@@ -72,10 +72,9 @@ def bootstrap_deviations(
             for drive in redraw(parameters, problem.noise, np.random.default_rng([seed, repeat]))
         ]
         with LeastSquares(models, problem.mean, problem.information, loss) as again:
-            again.noise |= problem.noise
-            again.set_sizes(problem.sizes())
             start = np.append(at[: problem.k], np.zeros(again.n - problem.k))
-            again.weigh(start)  # the drives were redrawn with these parameters
+            # the drives were redrawn with these parameters
+            again.set_weights(problem.noise, problem.sizes(), start)
             # without the range, which would cut errors off
             found = again.quadratic(again.minimise(start).at).minimum()
             errors[repeat] = found[: problem.k] - at[: problem.k]

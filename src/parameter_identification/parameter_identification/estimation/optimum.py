@@ -74,6 +74,10 @@ def find_optimum(
         step()
     lowest = min(fits, key=lambda fit: fit.cost)
     first = settled(problem, lowest, step)
+    if problem.of_deviations.any():
+        other = _after_one_without_deviations(problem, first)
+        if other.cost < first.cost - ROUGH:
+            first = settled(problem, other)
     others = [fit for fit in fits if fit is not lowest]
     best, rivals, agreed = _compare(problem, others, first, level, step)
     if best is not first:  # the noise is that of the other one
@@ -141,6 +145,13 @@ def settled(problem: LeastSquares, fit: Fit, step: Callable[[], None] = uncounte
         if _same_noise(before, problem.noise):
             break
     return fit
+
+
+def _after_one_without_deviations(problem: LeastSquares, fit: Fit) -> Fit:
+    """A fit that begins where deviations, which adapt easily, cannot yet do what an effect does."""
+    start = np.where(problem.of_deviations, 0.0, fit.at)
+    without = problem.minimise(start, ~problem.of_deviations, tolerance=ROUGH)
+    return problem.minimise(without.at, tolerance=ROUGH)
 
 
 def _same_noise(a: Mapping[Sensor, NoiseLevel], b: Mapping[Sensor, NoiseLevel]) -> bool:

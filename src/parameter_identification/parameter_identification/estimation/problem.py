@@ -497,6 +497,24 @@ class LeastSquares(Closing):
         """
         self._precision = self._precision + self.more_precision(sizes)[self.k :]
 
+    def set_weights(
+        self, noise: Mapping[Sensor, NoiseLevel], sizes: Mapping[str, float], v: FloatArray
+    ) -> None:
+        """Weigh residuals and deviations as another fit does.
+
+        Parameters
+        ----------
+        noise : mapping of Sensor to NoiseLevel
+            Noise of every sensor that a drive has, and perhaps of others.
+        sizes : mapping of str to float
+            As for `set_sizes`.
+        v : ndarray of float, shape (n,)
+            Variables of that fit.
+        """
+        self.noise = {sensor: noise[sensor] for sensor in self.noise}
+        self.set_sizes(sizes)
+        self.weigh(v)
+
     def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
         """Return the prior information (n,) that other sizes of the deviations add.
 

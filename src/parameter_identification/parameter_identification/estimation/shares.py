@@ -182,10 +182,8 @@ def share_of(
     model = DriveModel(setting.vehicle, drive, setting.effects, measured=setting.measured)
     k, c = len(model.low), len(common)
     with LeastSquares([model], common[:k], np.zeros((k, k)), Loss.SQUARED) as problem:
-        problem.noise = {sensor: setting.noise[sensor] for sensor in problem.noise}
-        problem.set_sizes(setting.sizes)
         at = np.append(common, np.zeros(problem.n - c) if own is None else own)
-        problem.weigh(at)
+        problem.set_weights(setting.noise, setting.sizes, at)
         free: NDArray[np.bool_] = np.arange(problem.n) >= c
         at = problem.minimise(at, free).at
         quadratic = problem.quadratic(at)

@@ -40,38 +40,6 @@ LikelySizes = Sequence[tuple[dict[str, float], float]]
 """Sizes of the deviations, and the logarithm of what precedes the drives, for each choice."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Explanation:
-    """One way to explain the drives: a fit with effects that are the most probable ones near it.
-
-    Attributes
-    ----------
-    fit : Fit
-        The minimum.
-    free : ndarray of bool, shape (n,)
-        True for variables that are free in it; the other effects do not act.
-    noise, sizes
-        Noise and sizes of the deviations that belong to it, as a `LeastSquares` has them.
-    information : ndarray of float, shape (n, n)
-        At the fit.
-    average : Mixture
-        Of all subsets of the effects, near the fit.
-    deviations : dict of str to float
-        Probability that each deviation acts, by name.
-    evidence : float
-        Logarithm of the probability of the drives by all these subsets, but for a constant.
-    """
-
-    fit: Fit
-    free: NDArray[np.bool_]
-    noise: dict[Sensor, NoiseLevel]
-    sizes: dict[str, float]
-    information: FloatArray
-    average: Mixture
-    deviations: dict[str, float]
-    evidence: float
-
-
 def weigh_effects(
     problem: LeastSquares, optimum: Optimum
 ) -> tuple[Optimum, Mixture, dict[str, float]]:
@@ -79,10 +47,9 @@ def weigh_effects(
 
     That is the distribution of parameters and effects, and the probability of each effect by name.
     Where the motion is not linear in the effects, the most probable ones near a fit depend on the
-    fit. So there are two searches, from all effects and from none. Where their ends differ, there
-    are others: from all effects after a fit without deviations, which may have taken up what an
-    effect does, and from each effect that brings another law, as of a tyre, and is in neither end.
-    The average is that of all ends by their evidence.
+    fit. So there are two searches, from all effects and from none. Where both ends are probable and
+    differ, there are others, from each effect that brings another law, as of a tyre, and is in
+    neither end. The average is that of all ends by their evidence.
 
     Parameters
     ----------
@@ -94,55 +61,109 @@ def weigh_effects(
     """
     effects, noise, sizes = _Effects(problem), problem.noise, problem.sizes()
 
-    def explained_from(free: NDArray[np.bool_], start: FloatArray) -> _Explanation:
-        _set_weights(problem, noise, sizes, optimum.fit.at)
-        return _explained(problem, problem.minimise(start, free), free)
+    def end_from(start: FloatArray, free: NDArray[np.bool_]) -> _End:
+        problem.set_weights(noise, sizes, optimum.fit.at)
+        return _end_of_search(problem, problem.minimise(start, free), free)
 
-    everything = np.ones(problem.n, dtype=bool)
-    explanations = [_explained(problem, optimum.fit, everything)]
+    ends = [_end_of_search(problem, optimum.fit, np.ones(problem.n, dtype=bool))]
     none = effects.free_in(np.zeros(len(effects.places), dtype=bool))
-    if not np.array_equal(explanations[0].free, none):
+    if not np.array_equal(ends[0].free, none):
         start = np.where(none & ~problem.of_deviations, optimum.fit.at, 0.0)
-        explanations.append(explained_from(none, start))
-        with_all, with_none = (one.free for one in explanations)
-        if not np.array_equal(with_all, with_none):
-            _set_weights(problem, noise, sizes, optimum.fit.at)
-            undeviating = problem.minimise(start, ~problem.of_deviations).at
-            explanations.append(explained_from(everything, undeviating))
+        ends = _distinct([*ends, end_from(start, none)])
+        if len(ends) > 1:
+            in_one = ends[0].free | ends[1].free
             for at in effects.laws:
-                if not (with_all | with_none)[at].any():
+                if not in_one[at].any():
                     free, with_law = none.copy(), start.copy()
                     free[at], with_law[at] = True, np.fmin(problem.high[at], CLEARLY)
-                    explanations.append(explained_from(free, with_law))
-    explanations = _distinct(explanations)
-    best = explanations[0]
-    _set_weights(problem, best.noise, best.sizes, best.fit.at)
-    evidence = np.array([one.evidence for one in explanations])
-    average = joined([one.average for one in explanations], evidence)
+                    ends.append(end_from(with_law, free))
+    ends = [end.refined(problem) for end in _distinct(ends)]
+    evidence = np.array([end.evidence for end in ends])
+    best = ends[int(np.argmax(evidence))]
+    problem.set_weights(best.noise, best.sizes, best.fit.at)
+    average = joined([end.average for end in ends], evidence)
     of_fit, variables = np.flatnonzero(best.free), effects.variables
     covariance = np.zeros((problem.n, problem.n))
-    covariance[np.ix_(of_fit, of_fit)] = np.linalg.inv(best.information[np.ix_(of_fit, of_fit)])
+    information = best.near.information[np.ix_(of_fit, of_fit)]
+    covariance[np.ix_(of_fit, of_fit)] = np.linalg.inv(information)
     covariance[np.ix_(variables, variables)] = average.covariance(best.fit.at[variables])
-    shares = np.exp(evidence - average.evidence).tolist()
-    deviations = {
-        name: sum(
-            share * one.deviations[name] for share, one in zip(shares, explanations, strict=True)
-        )
-        for name in sizes
-    }
+    deviations = _mean([end.deviations for end in ends], np.exp(evidence - average.evidence))
     probable = effects.probabilities(average) | deviations
     return replace(optimum, fit=best.fit, covariance=covariance), average, probable
 
 
-def _explained(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _Explanation:
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where a search for the effects that act ends: those are the most probable ones near the fit.
+
+    Attributes
+    ----------
+    fit : Fit
+        The minimum.
+    free : ndarray of bool, shape (n,)
+        True for variables that are free in it; the other effects do not act.
+    noise, sizes
+        Noise and sizes of the deviations that belong to it, as a `LeastSquares` has them.
+    near : Quadratic
+        The cost near the fit.
+    likely : LikelySizes
+        Sizes of the deviations that are not improbable near it.
+    effects : _Effects
+        Those that may act or not.
+    average : Mixture
+        Of their subsets, near the fit.
+    by_sizes : ndarray of float
+        Logarithm of the evidence of each of the likely sizes.
+    of_drives : float
+        Logarithm of the probability of the drives without effects and parameters, but for a
+        constant.
+    """
+
+    fit: Fit
+    free: NDArray[np.bool_]
+    noise: dict[Sensor, NoiseLevel]
+    sizes: dict[str, float]
+    near: Quadratic
+    likely: LikelySizes
+    effects: "_Effects"
+    average: Mixture
+    by_sizes: FloatArray
+    of_drives: float
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the probability of the drives by the subsets, but for a constant."""
+        return self.average.evidence - self.effects.log_odds_added + self.of_drives
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Probability that each deviation acts, by name."""
+        shares = np.exp(self.by_sizes - self.average.evidence)
+        acting = [
+            {n: float(s != NO_DEVIATION) for n, s in sizes.items()} for sizes, _ in self.likely
+        ]
+        return _mean(acting, shares)
+
+    def refined(self, problem: LeastSquares) -> "_End":
+        """Return it with the average over all subsets; its weights stay set."""
+        problem.set_weights(self.noise, self.sizes, self.fit.at)
+        effects = self.effects
+        probable = effects.probabilities(self.average)
+        doubtful = {name: at for name, at in effects.places.items() if probable[name] < SURELY}
+        effects.count_as_acting(indispensable(problem, self.near, self.free, doubtful))
+        average, by_sizes = effects.average(self.near, self.likely)
+        return replace(self, average=average, by_sizes=by_sizes)
+
+
+def _end_of_search(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _End:
     """Where a search ends that begins at a fit with some effects; its weights stay set."""
     effects, sizes = _Effects(problem), problem.sizes()
     for later in reversed(range(ROUNDS)):
-        here = problem.quadratic(fit.at)
-        likely = _likely_sizes(problem, here, free)
-        found, evidence = effects.average(here, likely, ROUGHLY)
-        acts = effects.free_in(found.acting[0])
-        best = likely[int(np.argmax(evidence))][0]
+        near = problem.quadratic(fit.at)
+        likely = _likely_sizes(problem, near, free)
+        average, by_sizes = effects.average(near, likely, ROUGHLY)
+        acts = effects.free_in(average.acting[0])
+        best = likely[int(np.argmax(by_sizes))][0]
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
             break  # so that the weights are those of the fit
         problem.set_sizes(best)
@@ -151,56 +172,40 @@ def _explained(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _Exp
         effects.count_as_acting(needed)
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)
-    chances = effects.probabilities(found)
-    doubtful = {name: at for name, at in effects.places.items() if chances[name] < SURELY}
-    effects.count_as_acting(indispensable(problem, here, free, doubtful))
-    found, evidence = effects.average(here, likely)
-    shares = np.exp(evidence - found.evidence).tolist()
-    deviations = {
-        name: sum(
-            share
-            for share, (chosen, _) in zip(shares, likely, strict=True)
-            if chosen[name] != NO_DEVIATION
-        )
-        for name in sizes
-    }
-    of_drives = -0.5 * (here.cost_of_zero + problem.log_determinant(fit.at))
-    return _Explanation(
+    return _End(
         fit=fit,
         free=free,
         noise=problem.noise,
         sizes=sizes,
-        information=here.information,
-        average=found,
-        deviations=deviations,
-        evidence=found.evidence - effects.log_odds_added + of_drives,
+        near=near,
+        likely=likely,
+        effects=effects,
+        average=average,
+        by_sizes=by_sizes,
+        of_drives=-0.5 * (near.cost_of_zero + problem.log_determinant(fit.at)),
     )
 
 
-def _distinct(explanations: Sequence[_Explanation]) -> list[_Explanation]:
-    """Explanations that are not improbable, each once, the most probable one first."""
-    distinct: list[_Explanation] = []
-    for one in sorted(explanations, key=lambda one: -one.evidence):
+def _mean(of: Sequence[Mapping[str, float]], shares: FloatArray) -> dict[str, float]:
+    """Mean of values by name, each set of which counts by its share."""
+    return {
+        name: float(sum(s * one[name] for s, one in zip(shares.tolist(), of, strict=True)))
+        for name in of[0]
+    }
+
+
+def _distinct(ends: Sequence[_End]) -> list[_End]:
+    """Ends of searches that are not improbable, each once, the most probable one first."""
+    distinct: list[_End] = []
+    for end in sorted(ends, key=lambda end: -end.evidence):
         known = any(
-            np.array_equal(one.free, other.free) and one.sizes == other.sizes for other in distinct
+            np.array_equal(end.free, other.free) and end.sizes == other.sizes for other in distinct
         )
         if not known and (
-            not distinct or one.evidence > distinct[0].evidence + math.log(NEGLECTED)
+            not distinct or end.evidence > distinct[0].evidence + math.log(NEGLECTED)
         ):
-            distinct.append(one)
+            distinct.append(end)
     return distinct
-
-
-def _set_weights(
-    problem: LeastSquares,
-    noise: dict[Sensor, NoiseLevel],
-    sizes: Mapping[str, float],
-    at: FloatArray,
-) -> None:
-    """Weigh residuals as at a fit that was made earlier."""
-    problem.noise = noise
-    problem.set_sizes(sizes)
-    problem.weigh(at)
 
 
 class _Effects:
