@@ -21,7 +21,7 @@ from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning import PlanRequest, plan_maneuver
 from excitation_planner.planning.prediction import (
     ReplayedTrajectories,
-    beside_parameters,
+    nuisance_parameters,
     planned_effects,
     predicted_covariance,
 )
@@ -67,7 +67,7 @@ def expected(plan):
         unknown,
         SIMULATED.of_trajectory,
         seed=99,
-        beside=beside_parameters(effects),
+        nuisances=nuisance_parameters(effects),
     )
     return float(np.sqrt(covariance[unknown.index(TARGET)][unknown.index(TARGET)]))
 

@@ -211,7 +211,7 @@ def files_page() -> str:
             "\n```\n\n`study.json`, for example:\n\n```json\n",
             example,
             "\n```\n\n`pending.csv` lists the simulations to run next: `point`, `sample`, the "
-            "operation and the unknown parameters, and `beside0` and on for what is beside "
+            "operation and the unknown parameters, and `nuisance0` and on for what is beside "
             "them.\n\n## Others\n\n"
             "- Vehicle: [your own vehicle](how-to-vehicle.md).\n"
             "- Area: [a maneuver that fits the ground](how-to-area.md).\n"

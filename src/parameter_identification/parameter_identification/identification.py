@@ -187,7 +187,7 @@ def identify(
     check_drives(everything, vehicle, other_vehicle=other_vehicle)
     measured = _measured(everything, vehicle, inputs, simulator)
     unneeded = {name for one in measured for name in OF_INPUT[one]}
-    beside = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)
+    estimated = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)
     before = box_prior(known, prior)
 
     def problem_with(chosen: Sequence[Effect]) -> LeastSquares:
@@ -197,16 +197,16 @@ def identify(
         return LeastSquares(models, before.mean, before.information, loss)
 
     # for small matrices more threads only cost
-    with threadpool_limits(1, user_api="blas"), problem_with(beside) as problem:
+    with threadpool_limits(1, user_api="blas"), problem_with(estimated) as problem:
         shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
         weighs = bool(weighed and problem.constant_effects())
         if weighs or len(drives) >= MIN_DRIVES_FOR_SCATTER or redraw is not None:
             profiles = False
-        to_optimum = starts * bool(beside) + steps_to_optimum(problem, starts)
+        to_optimum = starts * bool(estimated) + steps_to_optimum(problem, starts)
         to_end = to_optimum + weighs + len(shown) * profiles + REPEATS * (redraw is not None)
         step = Steps(progress, to_end)
         near = None
-        if beside:  # without effects a search takes a tenth of the time
+        if estimated:  # without effects a search takes a tenth of the time
             with problem_with(()) as without:
                 near = rough_minima(without, starts=starts, seed=seed, step=step)
         optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near, step=step)

@@ -153,14 +153,14 @@ def identify_many(
         If a bag cannot be used, comes twice, none is left, a worker dies, or there is no minimum.
     """
     check_level(level)
-    beside = effects_of(vehicle, effects)
+    estimated = effects_of(vehicle, effects)
     files, left_out = read_bags(
         bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
         progress=progress, other_vehicle=other_vehicle,
     )  # fmt: skip
     if not files:
         raise IdentificationError(f"no drive: nothing to identify from{some_of(left_out)}")
-    (fit,) = fits = begin([list(files.values())], vehicle, beside, prior, seed, executor)
+    (fit,) = fits = begin([list(files.values())], vehicle, estimated, prior, seed, executor)
     left_out += drop_without_inputs(fits, files, executor, leave_out=leave_out)
     descend(fits, executor)
     average = None

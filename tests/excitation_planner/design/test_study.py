@@ -303,7 +303,7 @@ def test_a_study_of_version_1_goes_on(tmp_path):
     """It knew the criterion H alone, and nothing of trajectories."""
     Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
     description = json.loads((tmp_path / "study.json").read_text())
-    for new in ("criterion", "trajectory_noise", "draws", "prior", "beside"):
+    for new in ("criterion", "trajectory_noise", "draws", "prior", "nuisances"):
         del description[new]
     (tmp_path / "study.json").write_text(json.dumps(description | {"version": 1}))
     assert Study.open(tmp_path).ask()

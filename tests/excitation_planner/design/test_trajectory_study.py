@@ -14,7 +14,7 @@ from excitation_planner import (
     TrajectoryNoise,
     design_excitation,
 )
-from excitation_planner.design.prior import BesideParameters
+from excitation_planner.design.prior import NuisanceParameters
 from excitation_planner.design.trajectories import read_trajectories, write_trajectories
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 
@@ -101,12 +101,12 @@ def test_with_a_prior_and_parameters_beside(tmp_path):
         "criterion": "c",
         "target": "mass",
         "prior": BoxPrior(np.array([0.4, 0.6]), np.array([[0.05, 0.01], [0.01, 0.04]])),
-        "beside": BesideParameters((0.1, 0.1), own=1),
+        "nuisances": NuisanceParameters((0.1, 0.1), own=1),
         "budget": 500,
     }
     study = Study.create(tmp_path, OPERATION, UNKNOWN, **ARGUMENTS | arguments)
     header = study.ask() and (tmp_path / "pending.csv").read_text().splitlines()[0]
-    assert header == "point,sample,frequency,amplitude,mass,damping,beside0,beside1"
+    assert header == "point,sample,frequency,amplitude,mass,damping,nuisance0,nuisance1"
     assert_same(answered(tmp_path, study), by_call(**arguments))
 
 
@@ -290,7 +290,7 @@ def test_another_problem_is_refused(tmp_path):
     with pytest.raises(DesignError, match=r"another design \(different: criterion\)"):
         by_call(criterion="a", target="mass", store=tmp_path / "a")
     description = json.loads((tmp_path / "a" / "study.json").read_text())
-    description["beside"]["steps"] = [0.0]
+    description["nuisances"]["steps"] = [0.0]
     shutil.copytree(tmp_path / "a", tmp_path / "b")
     (tmp_path / "b" / "study.json").write_text(json.dumps(description))
     with pytest.raises(DesignError, match="must be finite and not zero"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from excitation_planner import Box, TrajectoryNoise
-from excitation_planner.design.prior import BesideParameters
+from excitation_planner.design.prior import NuisanceParameters
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.prediction import (
     PERIOD,
@@ -75,8 +75,10 @@ def test_what_is_beside_the_parameters_is_eliminated_as_in_least_squares():
     design = rng.standard_normal((2, 60, 2, 2 + 3))  # of two drives: two parameters, three beside
     drives = tuple(lambda x, P, J=J: np.einsum("tcj,nj->ntc", J, P) for J in design)
     noise = TrajectoryNoise(std=0.5)
-    beside = BesideParameters(steps=(0.01, 0.01, 0.02), own=1)
-    found = predicted_covariance(drives, (np.empty(0),) * 2, UNKNOWN, noise, seed=0, beside=beside)
+    nuisances = NuisanceParameters(steps=(0.01, 0.01, 0.02), own=1)
+    found = predicted_covariance(
+        drives, (np.empty(0),) * 2, UNKNOWN, noise, seed=0, nuisances=nuisances
+    )
     # one column per drive for the last, which each drive has its own of
     rows = design.reshape(2, -1, 5) / 0.5
     rows[:, :, 0] *= 2.0  # the width of p

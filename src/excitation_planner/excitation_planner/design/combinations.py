@@ -17,7 +17,7 @@ from excitation_planner.design.information import (
     simulated_values,
 )
 from excitation_planner.design.noise import TrajectoryNoise
-from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.design.prior import NO_NUISANCES, BoxPrior, NuisanceParameters
 from excitation_planner.indices.sampling import corners, sobol_sequence
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
@@ -45,7 +45,7 @@ def best_combinations(
     draws: int,
     seed: int,
     prior: BoxPrior | None = None,
-    beside: BesideParameters = NOTHING_BESIDE,
+    nuisances: NuisanceParameters = NO_NUISANCES,
 ) -> tuple[FloatArray, int]:
     """Return the cheapest combinations of a few maneuvers of each family.
 
@@ -67,7 +67,7 @@ def best_combinations(
         Seed of the draws and of the maneuvers tried.
     prior : BoxPrior, optional
         Knowledge of the parameters before the drive; None: uniform.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         Further uncertain inputs of the simulator (nuisance parameters).
 
     Returns
@@ -78,9 +78,9 @@ def best_combinations(
         Number of simulations that this took.
     """
     k = len(unknown)
-    U = difference_points(k, draws, seed=seed, prior=prior, beside=beside)
+    U = difference_points(k, draws, seed=seed, prior=prior, nuisances=nuisances)
     P = simulated_values(unknown, U)
-    shape, simulations = k + beside.shared, 0
+    shape, simulations = k + nuisances.shared, 0
     points, total = np.empty((1, 0)), np.zeros((1, draws, shape, shape))
     for simulate, box in zip(maneuvers.simulators, maneuvers.operations, strict=True):
         singles, singles_information = [], []
@@ -91,14 +91,14 @@ def best_combinations(
                 continue
             simulations += len(P)
             singles.append(u)
-            singles_information.append(information(U, Y, noise, beside))
+            singles_information.append(information(U, Y, noise, nuisances))
         if not singles:
             return np.empty((0, len(maneuvers.operation))), simulations
         points = np.hstack(
             [np.repeat(points, len(singles), axis=0), np.tile(singles, (len(points), 1))]
         )
         total = (total[:, None] + np.array(singles_information)).reshape(-1, draws, shape, shape)
-        costs = _costs(total, criterion, target, prior, beside)
+        costs = _costs(total, criterion, target, prior, nuisances)
         best = np.argsort(costs, kind="stable")[:KEPT]
         best = best[np.isfinite(costs[best])]
         points, total = points[best], total[best]
@@ -116,14 +116,14 @@ def _costs(
     criterion: Criterion,
     target: int | None,
     prior: BoxPrior | None,
-    beside: BesideParameters,
+    nuisances: NuisanceParameters,
 ) -> FloatArray:
     """Criterion (n,) of the information (n, draws, k + s, k + s); infinite without any."""
     n, draws = total.shape[:2]
     flat = total.reshape(n * draws, *total.shape[2:])
     costs = np.full(n * draws, np.nan)
     usable = np.isfinite(flat).all(axis=(1, 2))  # no vehicle rolled over
-    covariance = posterior_covariance(flat[usable], prior, beside)
+    covariance = posterior_covariance(flat[usable], prior, nuisances)
     costs[usable] = information_costs(covariance, criterion, target)
     kept = np.isfinite(costs).reshape(n, draws)
     summed = np.where(kept, costs.reshape(n, draws), 0.0).sum(axis=1)

@@ -65,14 +65,14 @@ def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArra
     if problem.criterion is Criterion.H:
         return parameter_samples(problem.unknown, times * problem.samples, seed=seed)
     differences = difference_points(
-        k, times * problem.draws, seed=seed, prior=problem.prior, beside=problem.beside
+        k, times * problem.draws, seed=seed, prior=problem.prior, nuisances=problem.nuisances
     )
     if not verification:
         return differences
     # the indices of the squared deviation from the middle of the box are reported as well
     samples = parameter_samples(problem.unknown, times * problem.samples, seed=seed)
     around = np.vstack([np.full((1, k), 0.5), samples])
-    return np.vstack([differences, np.pad(around, ((0, 0), (0, len(problem.beside.steps))))])
+    return np.vstack([differences, np.pad(around, ((0, 0), (0, len(problem.nuisances.steps))))])
 
 
 # With few samples this is thousands of short calls of NumPy, between which threads wait for the
@@ -223,14 +223,14 @@ def _assess_trajectories(
     if failed == n:
         reason = f"{failed} of {n} simulations failed"
         return _rejected(problem, x, reason, simulations=n, failed=failed)
-    beside = problem.beside
+    nuisances = problem.nuisances
     rows = (U.shape[1] + 1) * problem.draws * (VERIFICATION if verification else 1)
-    F = sum(information(U[:rows], Y[:rows], problem.trajectory_noise, beside) for Y in outputs)
+    F = sum(information(U[:rows], Y[:rows], problem.trajectory_noise, nuisances) for Y in outputs)
     F = np.asarray(F)[np.isfinite(np.asarray(F)).all(axis=(1, 2))]  # draws with no failed run
     if 2 * len(F) < rows // (U.shape[1] + 1):
         reason = f"{failed} of {n} simulations failed"
         return _rejected(problem, x, reason, simulations=n, failed=failed)
-    covariance = posterior_covariance(F, problem.prior, beside)
+    covariance = posterior_covariance(F, problem.prior, nuisances)
     costs = information_costs(covariance, problem.criterion, problem.target_index)
     cost, nothing = float(costs.mean()), np.full(k, np.nan)
     half = HALF_WIDTH * float(costs.std()) / math.sqrt(len(costs))

@@ -21,10 +21,10 @@ from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.executors import evaluations
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import (
-    NOTHING_BESIDE,
+    NO_NUISANCES,
     SHOWN,
-    BesideParameters,
     BoxPrior,
+    NuisanceParameters,
 )
 from excitation_planner.design.problem import (
     VERIFIED,
@@ -211,7 +211,7 @@ def design_excitation(
     trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
     samples: int = 100,
     prior: BoxPrior | None = None,
-    beside: BesideParameters = NOTHING_BESIDE,
+    nuisances: NuisanceParameters = NO_NUISANCES,
     draws: int = DRAWS,
     budget: int = 25_000,
     seed: int = 0,
@@ -248,7 +248,7 @@ def design_excitation(
         Runs of f per maneuver during the search for H; its verification takes three times as many.
     prior : BoxPrior, optional
         For C, D and A: knowledge from earlier drives; None: uniform.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         For C, D and A: the e inputs that f takes after the k parameters, which are uncertain but
         not of interest (nuisance parameters).
     draws : int
@@ -298,7 +298,7 @@ def design_excitation(
         seed=seed,
         search=Search(search),
         prior=prior,
-        beside=beside,
+        nuisances=nuisances,
     )
     if starts is not None:
         starts = np.asarray(starts, dtype=float)

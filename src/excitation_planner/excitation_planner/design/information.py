@@ -19,9 +19,9 @@ from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import (
-    NOTHING_BESIDE,
-    BesideParameters,
+    NO_NUISANCES,
     BoxPrior,
+    NuisanceParameters,
 )
 from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import DesignError
@@ -36,7 +36,7 @@ def difference_points(
     *,
     seed: int,
     prior: BoxPrior | None = None,
-    beside: BesideParameters = NOTHING_BESIDE,
+    nuisances: NuisanceParameters = NO_NUISANCES,
 ) -> FloatArray:
     """Return points (draws (k + e + 1), k + e): each draw, and one step from it per axis.
 
@@ -52,15 +52,15 @@ def difference_points(
         Seed of the draws.
     prior : BoxPrior, optional
         Distribution that is drawn from; None: uniform.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         Further uncertain inputs of the simulator (nuisance parameters).
     """
     base = sobol_sequence(draws, k, seed=seed)
     if prior is not None:
         drawn = prior.mean + ndtri(base) @ np.asarray(np.linalg.cholesky(prior.covariance)).T
         base = np.clip(drawn, 0.0, 1.0)
-    base = np.hstack([base, np.zeros((draws, len(beside.steps)))])
-    step, axes = _steps(base, k, beside), base.shape[1]
+    base = np.hstack([base, np.zeros((draws, len(nuisances.steps)))])
+    step, axes = _steps(base, k, nuisances), base.shape[1]
     points = np.repeat(base[:, None], axes + 1, axis=1)
     for j in range(axes):
         points[:, j + 1, j] += step[:, j]
@@ -81,9 +81,9 @@ def simulated_values(unknown: Box, U: FloatArray) -> FloatArray:
     return np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
 
 
-def _steps(base: FloatArray, k: int, beside: BesideParameters) -> FloatArray:
+def _steps(base: FloatArray, k: int, nuisances: NuisanceParameters) -> FloatArray:
     steps: FloatArray = np.where(base < 0.5, _STEP, -_STEP)  # inwards
-    steps[:, k:] = beside.steps
+    steps[:, k:] = nuisances.steps
     return steps
 
 
@@ -91,7 +91,7 @@ def information(
     U: FloatArray,
     Y: FloatArray,
     noise: TrajectoryNoise,
-    beside: BesideParameters = NOTHING_BESIDE,
+    nuisances: NuisanceParameters = NO_NUISANCES,
 ) -> FloatArray:
     """Return the Fisher information (draws, k + s, k + s) in a measured trajectory.
 
@@ -106,23 +106,23 @@ def information(
         Trajectories at these points.
     noise : TrajectoryNoise
         Noise of the measurement.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         Further uncertain inputs of the simulator (nuisance parameters).
     """
     axes = U.shape[1]
-    k = axes - beside.own  # of which the information is returned
+    k = axes - nuisances.own  # of which the information is returned
     draws, (t, c) = len(U) // (axes + 1), Y.shape[1:]
     Y = Y.reshape(draws, axes + 1, t, c)
-    steps = _steps(U.reshape(draws, axes + 1, axes)[:, 0], axes - len(beside.steps), beside)
-    nuisances, nuisance_std = _nuisances(Y[:, 0], noise)
-    nuisance_std = np.append(np.ones(beside.own), nuisance_std)
+    steps = _steps(U.reshape(draws, axes + 1, axes)[:, 0], axes - len(nuisances.steps), nuisances)
+    of_sensors, of_sensors_std = _of_sensors(Y[:, 0], noise)
+    nuisance_std = np.append(np.ones(nuisances.own), of_sensors_std)
 
-    J = np.empty((draws, t, axes + nuisances.shape[-1]))  # of a channel
+    J = np.empty((draws, t, axes + of_sensors.shape[-1]))  # of a channel
     F = np.zeros((draws, J.shape[-1], J.shape[-1]))
     for channel, std in enumerate(np.broadcast_to(np.asarray(noise.std, dtype=float), c)):
         differences = Y[:, 1:, :, channel] - Y[:, :1, :, channel]
         J[:, :, :axes] = np.moveaxis(differences / steps[:, :, None], 1, -1)
-        J[:, :, axes:] = nuisances[:, :, channel]
+        J[:, :, axes:] = of_sensors[:, :, channel]
         whitened = J / std
         if noise.drift_std > 0 and channel < 2:
             lag = np.abs(np.subtract.outer(np.arange(t), np.arange(t))) * noise.period
@@ -166,8 +166,8 @@ def _add_products(J, F):  # type: ignore[no-untyped-def]  # pragma: no cover
                     F[draw, i, j] += value * J[draw, t, j]
 
 
-def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (draws, t, c, m) of Y (draws, t, c) by m nuisances, and their std (m,)."""
+def _of_sensors(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (draws, t, c, m) of Y (draws, t, c) by m of the sensors, and std (m,)."""
     posed = [0, 1] if noise.heading_channel is None else [0, 1, noise.heading_channel]
     others = [channel for channel in range(Y.shape[2]) if channel not in posed]
     columns: list[FloatArray] = []
@@ -199,7 +199,7 @@ def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, Float
 
 
 def posterior_covariance(
-    F: FloatArray, prior: BoxPrior | None = None, beside: BesideParameters = NOTHING_BESIDE
+    F: FloatArray, prior: BoxPrior | None = None, nuisances: NuisanceParameters = NO_NUISANCES
 ) -> FloatArray:
     """Return the covariance (draws, k, k) of the parameters after drives, in squared ranges.
 
@@ -209,10 +209,10 @@ def posterior_covariance(
         Information in the drives, of each the same draws.
     prior : BoxPrior, optional
         Knowledge of the parameters before the drive; None: uniform.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         Further uncertain inputs of the simulator (nuisance parameters).
     """
-    k = F.shape[-1] - beside.shared
+    k = F.shape[-1] - nuisances.shared
     known = np.eye(F.shape[-1])
     known[:k, :k] = (prior or BoxPrior.uniform(k)).information
     try:

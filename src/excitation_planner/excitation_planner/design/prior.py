@@ -18,7 +18,7 @@ SHOWN = 0.5
 
 
 @dataclass(frozen=True)
-class BesideParameters:
+class NuisanceParameters:
     """Nuisance parameters: uncertain inputs after the parameters that are not of interest.
 
     They are normally distributed with mean 0 and standard deviation 1.
@@ -41,9 +41,9 @@ class BesideParameters:
 
     def __post_init__(self) -> None:
         if not all(np.isfinite(step) and step != 0.0 for step in self.steps):
-            raise DesignError(f"beside: steps = {self.steps} must be finite and not zero")
+            raise DesignError(f"nuisances: steps = {self.steps} must be finite and not zero")
         if not 0 <= self.own <= len(self.steps):
-            raise DesignError(f"beside: own = {self.own} must be from 0 to {len(self.steps)}")
+            raise DesignError(f"nuisances: own = {self.own} must be from 0 to {len(self.steps)}")
 
     @property
     def shared(self) -> int:
@@ -51,7 +51,7 @@ class BesideParameters:
         return len(self.steps) - self.own
 
 
-NOTHING_BESIDE = BesideParameters()
+NO_NUISANCES = NuisanceParameters()
 
 
 @dataclass(frozen=True)

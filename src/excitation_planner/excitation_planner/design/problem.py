@@ -17,7 +17,7 @@ from excitation_planner.box import Box
 from excitation_planner.choice import Choice
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
-from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.design.prior import NO_NUISANCES, BoxPrior, NuisanceParameters
 from excitation_planner.indices.sampling import check_seed
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
@@ -137,7 +137,7 @@ class DesignProblem:
         How the operation box is searched.
     prior : BoxPrior, optional
         For C, D and A: knowledge of the parameters before the drive; None: uniform.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         For C, D and A: further uncertain inputs of f (nuisance parameters).
 
     Raises
@@ -158,7 +158,7 @@ class DesignProblem:
     seed: int
     search: Search
     prior: BoxPrior | None = None
-    beside: BesideParameters = NOTHING_BESIDE
+    nuisances: NuisanceParameters = NO_NUISANCES
 
     def __post_init__(self) -> None:
         if self.target is not None:
@@ -169,7 +169,7 @@ class DesignProblem:
             checked_variance(self.noise_variance)
         if self.prior is not None and len(self.prior.mean) != len(self.unknown):
             raise DesignError(f"prior: must be about {self._names}")
-        if self.criterion is Criterion.H and self.beside.steps:
+        if self.criterion is Criterion.H and self.nuisances.steps:
             raise DesignError("criterion h counts nothing beside the parameters; c, d and a do")
         for name in ("samples", "draws", "budget"):
             value = getattr(self, name)
@@ -199,7 +199,7 @@ class DesignProblem:
         times = VERIFICATION if verification else 1
         if self.criterion is Criterion.H:
             return times * self.samples
-        differences = times * self.draws * (len(self.unknown) + len(self.beside.steps) + 1)
+        differences = times * self.draws * (len(self.unknown) + len(self.nuisances.steps) + 1)
         return differences + (1 + times * self.samples if verification else 0)
 
     @property

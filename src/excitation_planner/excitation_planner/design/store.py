@@ -40,7 +40,7 @@ import numpy as np
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
-from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.design.prior import NO_NUISANCES, BoxPrior, NuisanceParameters
 from excitation_planner.design.problem import DesignProblem, Outcome, Search
 from excitation_planner.design.trajectories import (
     channels_of,
@@ -110,7 +110,7 @@ class StudyDocument:
         For C, D and A: parameter values over which the criterion is averaged.
     prior : BoxPrior, optional
         For C, D and A: knowledge of the parameters before the drive; None: uniform.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         For C, D and A: further uncertain inputs of f (nuisance parameters).
 
     Raises
@@ -132,7 +132,7 @@ class StudyDocument:
     trajectory_noise: TrajectoryNoise = TrajectoryNoise()  # noqa: RUF009  (frozen)
     draws: int = 1
     prior: BoxPrior | None = None
-    beside: BesideParameters = NOTHING_BESIDE
+    nuisances: NuisanceParameters = NO_NUISANCES
 
     def __post_init__(self) -> None:
         for name, high in (
@@ -164,7 +164,7 @@ class StudyDocument:
             trajectory_noise=problem.trajectory_noise,
             draws=problem.draws,
             prior=problem.prior,
-            beside=problem.beside,
+            nuisances=problem.nuisances,
         )
 
     def problem(self) -> DesignProblem:
@@ -182,7 +182,7 @@ class StudyDocument:
             seed=self.seed,
             search=self.search,
             prior=self.prior,
-            beside=self.beside,
+            nuisances=self.nuisances,
         )
 
 

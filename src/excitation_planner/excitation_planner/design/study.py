@@ -31,7 +31,7 @@ from excitation_planner.design.evaluation import judge_outcome, parameter_points
 from excitation_planner.design.excitation import DRAWS, Design, search_design
 from excitation_planner.design.information import simulated_values
 from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
-from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.design.prior import NO_NUISANCES, BoxPrior, NuisanceParameters
 from excitation_planner.design.problem import DesignProblem, Search, Trajectories, Verified
 from excitation_planner.design.store import (
     FAILED,
@@ -101,7 +101,7 @@ class Study:
         trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
         samples: int = 100,
         prior: BoxPrior | None = None,
-        beside: BesideParameters = NOTHING_BESIDE,
+        nuisances: NuisanceParameters = NO_NUISANCES,
         draws: int = DRAWS,
         budget: int = 25_000,
         seed: int = 0,
@@ -127,7 +127,7 @@ class Study:
             Runs per maneuver during the search for H.
         prior : BoxPrior, optional
             For C, D and A: knowledge from earlier drives; None: uniform.
-        beside : BesideParameters
+        nuisances : NuisanceParameters
             For C, D and A: the e uncertain inputs (nuisance parameters) after the k parameters.
         draws : int
             For C, D and A: parameter values over which the criterion is averaged.
@@ -151,7 +151,7 @@ class Study:
         if Criterion(criterion) is not Criterion.H:
             check_installed("pyarrow", "a study of trajectories")
         operation, unknown = Box.of(operation), Box.of(unknown)
-        names = ["output", *_header(operation, unknown, beside)]
+        names = ["output", *_header(operation, unknown, nuisances)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise DesignError(f"columns of a study would have one name: {', '.join(twice)}")
         problem = DesignProblem(
@@ -167,7 +167,7 @@ class Study:
             seed=seed,
             search=Search(search),
             prior=prior,
-            beside=beside,
+            nuisances=nuisances,
         )
         return cls(Store.of(path, problem))
 
@@ -188,7 +188,7 @@ class Study:
         else:
             proposals = []
         problem = self._store.problem
-        header = _header(problem.operation, problem.unknown, problem.beside)
+        header = _header(problem.operation, problem.unknown, problem.nuisances)
         rows = [
             [p.point, sample, *map(repr, p.x.tolist()), *map(repr, values)]
             for p in proposals
@@ -431,7 +431,7 @@ class _Asked:
         Samples that were never asked for are left to the store, which refuses them.
         """
         problem = self._store.problem
-        names = _header(problem.operation, problem.unknown, problem.beside)[2:]
+        names = _header(problem.operation, problem.unknown, problem.nuisances)[2:]
         told = {name: text for name in names if (text := (row.get(name) or "").strip())}
         if not told:
             return ""
@@ -469,9 +469,9 @@ class PendingError(DesignError):
         self.points, self.verification = points, verification
 
 
-def _header(operation: Box, unknown: Box, beside: BesideParameters) -> list[str]:
+def _header(operation: Box, unknown: Box, nuisances: NuisanceParameters) -> list[str]:
     """Columns of what is pending."""
-    others = [f"beside{i}" for i in range(len(beside.steps))]
+    others = [f"nuisance{i}" for i in range(len(nuisances.steps))]
     return ["point", "sample", *operation.names, *unknown.names, *others]
 
 

@@ -38,7 +38,7 @@ from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.indices.sampling import corners, sobol_sequence
 from excitation_planner.maneuver import ManeuverFamily
-from excitation_planner.planning.prediction import beside_parameters, replayed
+from excitation_planner.planning.prediction import nuisance_parameters, replayed
 from excitation_planner.planning.replay import driven_commands
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray, Progress
@@ -256,23 +256,23 @@ class FittingSearch:
             commands = driven_commands(self.vehicle, self.family, x)
             self.simulations += len(P) + 1  # one has tracked the path
             Y = replayed(self.vehicle, commands, self.noise.channels, P, self.effects)
-            beside = beside_parameters(self.effects)
-            F = information(U, Y, self.noise.of_trajectory, beside)
+            nuisances = nuisance_parameters(self.effects)
+            F = information(U, Y, self.noise.of_trajectory, nuisances)
         except InfeasibleManeuver:
             return None
         if not np.isfinite(F).all():
             return None
-        covariance = posterior_covariance(F, self.prior, beside)
+        covariance = posterior_covariance(F, self.prior, nuisances)
         cost = float(information_costs(covariance, self.criterion, self.target).mean())
         return _Tried(u, commands, cost, self.criterion.search_scale(cost))
 
     @cached_property
     def _draws(self) -> tuple[FloatArray, FloatArray]:
         """Vehicles of the ranges and steps in each parameter: in the unit box, and values."""
-        unknown, beside = Box.of(dict(self.vehicle.unknown)), beside_parameters(self.effects)
+        unknown, nuisances = Box.of(dict(self.vehicle.unknown)), nuisance_parameters(self.effects)
         k = len(unknown)
-        draws = max(1, JUDGING // (k + len(beside.steps) + 1))
-        U = difference_points(k, draws, seed=self.seed, prior=self.prior, beside=beside)
+        draws = max(1, JUDGING // (k + len(nuisances.steps) + 1))
+        U = difference_points(k, draws, seed=self.seed, prior=self.prior, nuisances=nuisances)
         return U, simulated_values(unknown, U)
 
     @property

@@ -26,7 +26,7 @@ from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.fitting import FittingSearch
 from excitation_planner.planning.prediction import (
     ReplayedTrajectories,
-    beside_parameters,
+    nuisance_parameters,
     planned_effects,
     predicted_covariance,
 )
@@ -149,12 +149,12 @@ def _searched(
         return design, [design.x], _history(design)
     operations = tuple(family.operation for family in request.families)
     maneuvers = ManeuverSet(_trajectories(request, _room(request)), operations)
-    beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
+    nuisances, alone = nuisance_parameters(_effects(request)), len(request.vehicle.unknown) + 1
     unknown = Box.of(dict(request.vehicle.unknown))
     target = unknown.index(request.target)
     # as many simulations of a maneuver as without effects, but a few vehicles at least
-    draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
-    runs = draws * (alone + len(beside.steps))
+    draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(nuisances.steps)))
+    runs = draws * (alone + len(nuisances.steps))
     verification = VERIFIED * (VERIFICATION * (runs + request.samples) + 1)
     starts, taken, budget, fitting = None, 0, request.budget, None
 
@@ -172,7 +172,7 @@ def _searched(
             draws=draws,
             seed=request.seed,
             prior=request.prior,
-            beside=beside,
+            nuisances=nuisances,
         )
         taken //= len(request.families)  # a run of the set is one of each maneuver
         budget -= taken
@@ -203,7 +203,7 @@ def _searched(
         criterion=request.criterion,
         trajectory_noise=request.noise.of_trajectory,
         prior=request.prior,
-        beside=beside,
+        nuisances=nuisances,
         draws=draws,
         samples=request.samples,
         budget=budget,
@@ -357,7 +357,7 @@ def _predicted_covariance(request: PlanRequest, points: list[FloatArray]) -> Flo
         request.noise.of_trajectory,
         seed=request.seed + 2,
         prior=request.prior,
-        beside=beside_parameters(_effects(request)),
+        nuisances=nuisance_parameters(_effects(request)),
     )
 
 

@@ -19,7 +19,7 @@ from excitation_planner.design.information import (
     simulated_values,
 )
 from excitation_planner.design.noise import STANDSTILL, TrajectoryNoise
-from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.design.prior import NO_NUISANCES, BoxPrior, NuisanceParameters
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Plan
 from excitation_planner.planning.replay import nominal_commands
@@ -116,7 +116,7 @@ def planned_effects(
     return tuple(sorted(counted, key=lambda e: e.per_drive))
 
 
-def beside_parameters(effects: Sequence[Effect]) -> BesideParameters:
+def nuisance_parameters(effects: Sequence[Effect]) -> NuisanceParameters:
     """Return the effects as nuisance parameters of a design.
 
     Parameters
@@ -124,7 +124,7 @@ def beside_parameters(effects: Sequence[Effect]) -> BesideParameters:
     effects : sequence of Effect
         Effects from `planned_effects`.
     """
-    return BesideParameters(tuple(e.step for e in effects), sum(e.per_drive for e in effects))
+    return NuisanceParameters(tuple(e.step for e in effects), sum(e.per_drive for e in effects))
 
 
 def replayed(
@@ -187,7 +187,7 @@ def predicted_covariance(
     *,
     seed: int,
     prior: BoxPrior | None = None,
-    beside: BesideParameters = NOTHING_BESIDE,
+    nuisances: NuisanceParameters = NO_NUISANCES,
 ) -> FloatArray:
     """Return the expected posterior covariance (k, k), in squared ranges, after several drives.
 
@@ -205,7 +205,7 @@ def predicted_covariance(
         Seed of the parameter values over which the covariance is averaged.
     prior : BoxPrior, optional
         Knowledge of the parameters before the drives; None: uniform in the box.
-    beside : BesideParameters
+    nuisances : NuisanceParameters
         Further uncertain inputs of the simulator (nuisance parameters).
 
     Raises
@@ -214,15 +214,15 @@ def predicted_covariance(
         If none of the vehicles drawn can be simulated.
     """
     k = len(unknown)
-    U = difference_points(k, DRAWS, seed=seed, prior=prior, beside=beside)
+    U = difference_points(k, DRAWS, seed=seed, prior=prior, nuisances=nuisances)
     P = simulated_values(unknown, U)
-    F = np.zeros((DRAWS, k + beside.shared, k + beside.shared))
+    F = np.zeros((DRAWS, k + nuisances.shared, k + nuisances.shared))
     for f, x in zip(simulators, points, strict=True):
-        F += information(U, f(x, P), noise, beside)
+        F += information(U, f(x, P), noise, nuisances)
     F = F[np.isfinite(F).all(axis=(1, 2))]
     if len(F) == 0:
         raise DesignError("every vehicle drawn rolled over in this maneuver")
-    covariance: FloatArray = posterior_covariance(F, prior, beside).mean(axis=0)
+    covariance: FloatArray = posterior_covariance(F, prior, nuisances).mean(axis=0)
     return covariance
 
 
@@ -260,7 +260,7 @@ def predicted_progress(
     unknown, noise = Box.of(dict(vehicle.unknown)), plan.noise.of_trajectory
     time = np.append(np.arange(0.0, plan.commands.duration, 1.0), plan.commands.duration)
     effects = planned_effects(vehicle, plan.effects)
-    trajectories, beside = list[FloatArray](), beside_parameters(effects)
+    trajectories, nuisances = list[FloatArray](), nuisance_parameters(effects)
 
     def std(end: float) -> FloatArray:
         def until_then(_: FloatArray, parameters: FloatArray) -> FloatArray:
@@ -276,7 +276,7 @@ def predicted_progress(
             noise,
             seed=plan.seed + 2,
             prior=prior,
-            beside=beside,
+            nuisances=nuisances,
         )
         variance: FloatArray = np.diag(covariance)
         return np.sqrt(variance) * (np.array(unknown.high) - unknown.low)
