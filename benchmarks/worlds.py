@@ -1,7 +1,8 @@
 """Identification in worlds that the vehicle file lacks: coverage, width, and what was wrong.
 
-    python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all|random]
-                                [--predict] [--constant NAME=FACTOR ...] [--without EFFECT ...]
+    python benchmarks/worlds.py [--vehicles 200] [--first 0] [--world NAME ...]
+                                [--plan none|all|random] [--predict]
+                                [--constant NAME=FACTOR ...] [--without EFFECT ...]
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz, the steering's angle on every tick in
@@ -316,6 +317,7 @@ def main():
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--vehicles", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="number of the first vehicle")
     parser.add_argument("--world", choices=WORLDS, action="append", default=[])
     parser.add_argument("--way", choices=WAYS, action="append", default=[])
     parser.add_argument("--plan", choices=("none", "all", "random"))
@@ -332,14 +334,18 @@ def main():
         }
         WORLDS.update(off)  # before the processes begin
         worlds = list(off)
+    seeds = range(arguments.first, arguments.first + arguments.vehicles)
     if arguments.plan == "random":
-        pairs = [random_commands(FAMILIES, seed) for seed in range(arguments.vehicles)]
+        pairs = [random_commands(FAMILIES, seed) for seed in seeds]
     else:
         planned = {"none": (), "all": tried}.get(arguments.plan)
         pair = commands_of_pair() if planned is None else planned_pair(planned)
         pairs = [pair] * arguments.vehicles
     if arguments.predict:
-        pairs = [[*pair, *random_commands([Slalom()], seed)] for seed, pair in enumerate(pairs)]
+        pairs = [
+            [*pair, *random_commands([Slalom()], seed)]
+            for seed, pair in zip(seeds, pairs, strict=True)
+        ]
     ways = tuple(arguments.way or WAYS)
     print(f"{arguments.vehicles} vehicles; a cell: shown, covered where shown, wrong; width %")
     print(
@@ -351,7 +357,9 @@ def main():
     tallies, cautious = {way: Tally() for way in ways}, []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in worlds:
-            jobs = [(world, seed, pair, ways, tried) for seed, pair in enumerate(pairs)]
+            jobs = [
+                (world, seed, pair, ways, tried) for seed, pair in zip(seeds, pairs, strict=True)
+            ]
             rows, predicted = zip(*pool.map(one_vehicle, jobs), strict=True)
             table = np.array(rows, dtype=float)
             for number, way in enumerate(ways):
