@@ -10,7 +10,7 @@ from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
 
-pytest.importorskip("fmpy")
+fmpy = pytest.importorskip("fmpy")
 
 
 @pytest.mark.parametrize(
@@ -98,6 +98,31 @@ def test_an_fmu_of_fmi_1_is_one_line(tmp_path):
         PlantError, match=r"a\.fmu: needs an FMU 2\.0 or 3\.0; this one is of FMI 1"
     ):
         Fmu(load_mapping(tmp_path / "m.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("version", "needed"), [("2.0", fmpy.platform), ("3.0", fmpy.platform_tuple)]
+)
+def test_an_fmu_without_a_binary_for_this_platform_says_which_it_has(
+    tmp_path, monkeypatch, version, needed
+):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    unpacked = tmp_path / "unpacked"
+    unpacked.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(unpacked))
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as archive:
+        archive.writestr(
+            "modelDescription.xml",
+            f'<fmiModelDescription fmiVersion="{version}" modelName="a" guid="a" '
+            'instantiationToken="a"><CoSimulation modelIdentifier="car"/><ModelVariables/>'
+            "<ModelStructure/></fmiModelDescription>",
+        )
+        archive.writestr("binaries/other/car.lib", "")
+    (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
+    with pytest.raises(PlantError, match=rf"{needed}/car\.\w+; it has: other/car\.lib$"):
+        Fmu(load_mapping(tmp_path / "m.yaml"))
+    assert not list(unpacked.iterdir())
 
 
 @pytest.mark.slow

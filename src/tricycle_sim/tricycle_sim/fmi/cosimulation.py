@@ -21,6 +21,7 @@ except ModuleNotFoundError as error:
 _FLOATS = ("Real", "Float64", "Float32")
 _INTEGERS = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
 _TYPES = (*_FLOATS, *_INTEGERS, "Boolean", "Enumeration")
+_TOLD = 4  # binaries that are named
 
 
 class Fmu:
@@ -48,8 +49,8 @@ class Fmu:
     Raises
     ------
     PlantError
-        If it is not an FMU, not for co-simulation, or lacks a variable, or one has a wrong unit or
-        causality.
+        If it is not an FMU, not for co-simulation, has no binary for this platform, lacks a
+        variable, or one has a wrong unit or causality.
     """
 
     def __init__(self, mapping: FmuMapping, units: Mapping[str, str] | None = None) -> None:
@@ -90,6 +91,24 @@ class Fmu:
         except Exception as error:
             self.close()
             raise PlantError(f"{path}: cannot be unpacked: {_line(error)}") from error
+        try:
+            self._check_binary(version)
+        except PlantError:
+            self.close()
+            raise
+
+    def _check_binary(self, version: str) -> None:
+        """Raise a `PlantError` unless there is a binary for this platform."""
+        needed = fmpy.platform if version.startswith("2") else fmpy.platform_tuple
+        binaries = Path(self._folder) / "binaries"
+        name = self._description.coSimulation.modelIdentifier + fmpy.sharedLibraryExtension
+        if not (binaries / needed / name).is_file():
+            files = (file for file in binaries.glob("*/*") if file.is_file())
+            there = sorted(f"{file.parent.name}/{file.name}" for file in files)
+            raise PlantError(
+                f"{self.mapping.path}: has no binary for this platform, {needed}/{name}; it has: "
+                f"{', '.join(there[:_TOLD]) or 'none'}{', …' if len(there) > _TOLD else ''}"
+            )
 
     def _find(self, part: str, name: str) -> Any:
         if name not in self._variables:
