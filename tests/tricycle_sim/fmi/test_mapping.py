@@ -30,6 +30,14 @@ fmpy = pytest.importorskip("fmpy")
             r"outputs\.heading\.scael: unknown; did you mean scale",
         ),
         ("inputs: {}\noutputs: {}", "lacks `fmu`"),
+        (
+            "fmu: a\ninputs: {}\noutputs: {x: {variable: x, scale: big}}",
+            r"outputs\.x\.scale: needs a number, not a text",
+        ),
+        (
+            "fmu: a\ninputs: {}\noutputs: {}\nstart_values: {mass: big}",
+            r"start_values\.mass: needs true or false or a number, not a text",
+        ),
     ],
 )
 def test_a_wrong_mapping_is_one_line(tmp_path, text, line):
@@ -80,6 +88,25 @@ def test_a_file_that_is_no_fmu_is_one_line(tmp_path):
     (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
     with pytest.raises(PlantError, match=r"a\.fmu: is not an FMU"):
         Fmu(load_mapping(tmp_path / "m.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("name", "description", "line"),
+    [
+        ("model.xml", "<fmiModelDescription/>", r"it has no modelDescription\.xml$"),
+        ("modelDescription.xml", "<fmiModelDescription/>", "names no fmiVersion$"),
+        ("modelDescription.xml", "no XML", "is not an FMU: "),
+    ],
+)
+def test_an_archive_that_is_no_fmu_is_one_line(tmp_path, name, description, line):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as archive:
+        archive.writestr(name, description)
+    (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
+    with pytest.raises(PlantError, match=line) as problem:
+        Fmu(load_mapping(tmp_path / "m.yaml"))
+    assert "\n" not in str(problem.value)
 
 
 def test_an_fmu_of_fmi_1_is_one_line(tmp_path):

@@ -4,9 +4,11 @@ import contextlib
 import math
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from tricycle_core.errors import PlantError, hint
 from tricycle_core.optional import missing
@@ -21,6 +23,7 @@ except ModuleNotFoundError as error:
 _FLOATS = ("Real", "Float64", "Float32")
 _INTEGERS = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
 _TYPES = (*_FLOATS, *_INTEGERS, "Boolean", "Enumeration")
+_DESCRIPTION = "modelDescription.xml"
 _TOLD = 4  # binaries that are named
 
 
@@ -58,13 +61,15 @@ class Fmu:
         path = mapping.path
         if not path.is_file():
             raise PlantError(f"{path}: there is no such FMU")
+        version = _version_of(path)
+        if not version.startswith(("2", "3")):
+            raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
         try:
             self._description = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
-            raise PlantError(f"{path}: is not an FMU: {_line(error)}") from error
-        version = self._description.fmiVersion
-        if not version.startswith(("2", "3")):
-            raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
+            raise PlantError(
+                f"{path}: is not an FMU: {_DESCRIPTION} is none of FMI {version} ({_line(error)})"
+            ) from error
         if self._description.coSimulation is None:
             raise PlantError(f"{path}: needs an FMU for co-simulation; this one is not")
         self.only_once = bool(self._description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
@@ -317,6 +322,21 @@ class Instance:
 
 def _quiet(*_: Any) -> None:
     """Take the FMU's log: what matters comes back as a status."""
+
+
+def _version_of(path: Path) -> str:
+    """Return the version of FMI that an FMU names; of another one FMPy makes no sense."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(_DESCRIPTION) as file:
+            _, root = next(ElementTree.iterparse(file, events=("start",)))  # noqa: S314 (as FMPy)
+    except KeyError as error:
+        raise PlantError(f"{path}: is not an FMU: it has no {_DESCRIPTION}") from error
+    except Exception as error:  # of the archive, its compression, or XML
+        raise PlantError(f"{path}: is not an FMU: {_line(error)}") from error
+    version: str | None = root.get("fmiVersion")
+    if version is None:
+        raise PlantError(f"{path}: is not an FMU: {_DESCRIPTION} names no fmiVersion")
+    return version
 
 
 def _plain(unit: str) -> str:
