@@ -303,7 +303,7 @@ class SimulatedBag:
     ended_early: float | None = None  # s; the driver ended it then, as told to
     standing: bool = False  # the vehicle does not move
     without: tuple[str, ...] = ()  # topics
-    tell: bool = False  # the truth, in the bag's record
+    tell: bool = False  # the truth and the vehicle's fingerprint, in the bag's record
     names: tuple[tuple[str, str], ...] = ()  # topics that have other names
 
     def commands(self) -> Commands:
@@ -354,7 +354,10 @@ class SimulatedBag:
             done = status("done", at, duration=f"{commands.duration:.3f}", **told_to)
             rows.append((START + round(end * 1e9), "/maneuver/state", done))
         rows = sorted((row for row in rows if row[1] not in self.without), key=lambda row: row[0])
-        told = {f"true_{name}": repr(value) for name, value in self.truth} if self.tell else {}
+        told = {}
+        if self.tell:
+            told = {f"true_{name}": repr(value) for name, value in self.truth}
+            told["vehicle_hash"] = self.vehicle.fingerprint
         with BagWriter(path, metadata=told) as bag:
             ids = {
                 name: bag.add_topic(

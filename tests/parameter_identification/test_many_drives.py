@@ -342,13 +342,17 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
     drive = driven(planned(Circle(duration=6.0), 2.5, 0.8), others=SENSORS, standstill=1.0)
     time = np.arange(0.0, 6.0, 0.01)
     drive = dataclasses.replace(
-        drive, complete=False, began=1.5e9, steering_angle=Samples(time, np.sin(time))
+        drive,
+        complete=False,
+        began=1.5e9,
+        steering_angle=Samples(time, np.sin(time)),
+        vehicle_hash="abc",
     )
     keep(drive, tmp_path / "drive.npz")
     again = load_kept(tmp_path / "drive.npz")
     told = again.steering_angle
     assert np.array_equal([told.time, told.values], [time, np.sin(time)])
-    for field in ("name", "truth", "complete", "began", "measured_throughout"):
+    for field in ("name", "truth", "complete", "began", "measured_throughout", "vehicle_hash"):
         assert getattr(again, field) == getattr(drive, field), field
     assert measured_in(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():

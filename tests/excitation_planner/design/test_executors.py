@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import (
     BrokenExecutor,
     Executor,
@@ -22,6 +23,7 @@ import pytest
 
 from excitation_planner import design_excitation
 from excitation_planner.design import jobs
+from excitation_planner.design.executors import processes
 from excitation_planner.design.jobs import JobsOfExecutor, versions
 from excitation_planner.indices.analytic import MATH_MODEL_UNKNOWN, math_model
 from tricycle_core import __version__
@@ -114,6 +116,21 @@ def test_the_same_design_by_processes(f, criterion):
         assert counts[-1] == found.simulations
         assert counts == sorted(counts)
         counts.clear()
+
+
+def test_processes_end_at_once_and_silently_with_cancelled_work_in_the_queue(caplog):
+    begun = time.monotonic()
+    with pytest.raises(DesignError, match="first"), processes(1) as pool:
+        for _ in pool.map(fails_or_sleeps, range(30)):
+            pass
+    assert time.monotonic() - begun < 30.0
+    assert not caplog.records
+
+
+def fails_or_sleeps(number):
+    if number == 0:
+        raise DesignError("the first one fails")
+    time.sleep(60.0)
 
 
 def once(marker: Path) -> bool:

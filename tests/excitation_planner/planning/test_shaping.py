@@ -53,3 +53,33 @@ def test_of_many_differences_the_first_are_named():
     with pytest.raises(PlanError, match=r"mass 48\.3 .* and \d+ more; plan") as error:
         check_vehicle(plan_of(vehicle), cargo)
     assert str(error.value).count(" instead of ") <= 4
+
+
+def spelt_by_wheel(**values):
+    """The packaged vehicle with places by wheel and axle, as the questions of a new one give."""
+    vehicle = load_vehicle()
+    own = dict(vehicle.values)
+    for wheel in ("left", "right"):
+        own[f"{wheel}.y"] = own.pop(f"{wheel}_wheel_y")
+    own["front.x"] = own.pop("com_to_front_axle")
+    own["rear.x"] = -own.pop("com_to_rear_axle")
+    return dataclasses.replace(vehicle, values=own | values)
+
+
+def test_a_vehicle_that_spells_the_same_values_otherwise_is_the_same():
+    vehicle, same = load_vehicle(), spelt_by_wheel()
+    check_vehicle(plan_of(vehicle), same)
+    check_vehicle(plan_of(same), vehicle)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"left.y": 0.4}, r": left_wheel_y 0\.3065 instead of 0\.4; plan again"),
+        ({"rear.x": -0.8}, r": com_to_rear_axle 0\.719 instead of 0\.8; plan again"),
+        ({"left.tyre_radius": 0.3}, r": tyre_radius 0\.335 instead of 0\.3; plan again"),
+    ],
+)
+def test_a_difference_is_told_however_the_vehicle_spells_it(values, message):
+    with pytest.raises(PlanError, match=message):
+        check_vehicle(plan_of(load_vehicle()), spelt_by_wheel(**values))

@@ -49,6 +49,7 @@ def test_a_bag_gives_commands_signals_and_truth(bag: Path) -> None:
     assert position.time[0] == pytest.approx(-1.0, abs=0.02)
     np.testing.assert_allclose(position.values[0], [1.0, 2.0], atol=0.06)
     assert drive.truth == TRUTH
+    assert drive.vehicle_hash == VEHICLE.fingerprint
     time = np.arange(0.5, 13.5, 0.1)
     angle = servo_angle(commands, time, VEHICLE)
     np.testing.assert_allclose(drive.steering_angle.at(time), angle, atol=2e-3)

@@ -89,6 +89,18 @@ def test_a_bag_without_the_end_of_its_drive_is_not_whole(tmp_path: Path) -> None
     assert not read_drive(Scene(edit=cut).write(tmp_path / "cut")).complete
 
 
+@pytest.mark.parametrize(
+    ("cut", "why"), [(0, "nothing was driven$"), (200, "the bag is not whole: it was cut off")]
+)
+def test_without_a_start_event_a_bag_that_is_not_whole_is_said_to_be(tmp_path, cut, why):
+    bag = Scene(edit=lambda messages: messages["/maneuver/state"].clear()).write(tmp_path / "bag")
+    (file,) = bag.glob("*.mcap")
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) - cut])
+    with pytest.raises(JudgeError, match=f"holds no start event: {why}"):
+        read_drive(bag)
+
+
 def test_a_way_back_after_the_drive_may_be_aborted(tmp_path: Path) -> None:
     def go_back(messages):
         end, _ = messages["/maneuver/state"][-1]

@@ -2,20 +2,29 @@
 
 import dataclasses
 import io
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from found_identification import FOUND
 from rich.console import Console
+from simulated_drives import driven_pair
 
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.results import EffectEstimate, HeldOut
 from parameter_identification.estimation.shares import DriveShare
 from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.fleet import Fleet
 from parameter_identification.judging.judgement import judge
 from parameter_identification.many_drives import ManyDrives
-from tricycle_cli.reports.remarks import remarks, remarks_on_fleet, remarks_on_many
+from tricycle_cli.reports.remarks import (
+    remarks,
+    remarks_on_drives,
+    remarks_on_fleet,
+    remarks_on_many,
+)
 from tricycle_cli.reports.tables import (
     WIDEST,
     drives_table,
@@ -212,3 +221,32 @@ def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
     fleet = Fleet({"red": vehicle}, {}, {}, {}, (), {}, 0.0, (), 0.95)
     (line,) = (line for line in remarks_on_fleet(fleet) if "not whole" in line)
     assert line.endswith(": 1 (red/torn)")
+
+
+def test_drives_with_another_vehicle_file_are_told():
+    vehicle = ManyDrives(
+        vehicle="tricycle",
+        vehicle_hash="abc",
+        parameters=FOUND.parameters,
+        covariance=FOUND.covariance,
+        scatter=1.0,
+        truth={},
+        level=0.95,
+        drives=(),
+        left_out=(),
+        driven_with={"same": "abc", "other": "def"},
+    )
+    told = r"driven with another vehicle file \(def\) than this one \(abc\): 1 of the drives "
+    (line,) = (line for line in remarks_on_many(vehicle) if "another vehicle" in line)
+    assert re.match(rf"{told}\(other\)", line)
+    fleet = Fleet({"red": vehicle}, {}, {}, {}, (), {}, 0.0, (), 0.95)
+    (line,) = (line for line in remarks_on_fleet(fleet) if "another vehicle" in line)
+    assert re.match(rf"{told}\(red/other\)", line)
+    drives = [
+        dataclasses.replace(driven_pair()[0], name=f"drive {known}", vehicle_hash=known)
+        for known in ("", FOUND.vehicle_hash, "def")
+    ]
+    found = dataclasses.replace(FOUND, noise={Sensor.POSITION: NoiseLevel(0.01)})
+    lines = remarks_on_drives(found, drives, [], tables=False, redrawn=False)
+    (line,) = (line for line in lines if "another vehicle" in line)
+    assert "1 of the drives (drive def)" in line

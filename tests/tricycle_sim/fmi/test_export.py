@@ -107,6 +107,13 @@ def test_the_command_writes_it_once(tmp_path, capsys, monkeypatch):
     assert path.read_text() == "mine"
 
 
+def test_the_command_refuses_another_ending(tmp_path, capsys):
+    path = tmp_path / "mine.txt"
+    assert main(["vehicle", "export-fmu", "--output", str(path)]) == 2
+    assert "mine.txt: must end in .fmu" in capsys.readouterr().err
+    assert not path.exists()
+
+
 def test_a_name_with_other_letters_makes_an_identifier_of_c(tmp_path):
     from tricycle_sim.fmi.export import export_fmu
 

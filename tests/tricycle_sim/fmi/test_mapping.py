@@ -10,7 +10,7 @@ from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
 
-pytest.importorskip("fmpy")
+fmpy = pytest.importorskip("fmpy")
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,14 @@ pytest.importorskip("fmpy")
             r"outputs\.heading\.scael: unknown; did you mean scale",
         ),
         ("inputs: {}\noutputs: {}", "lacks `fmu`"),
+        (
+            "fmu: a\ninputs: {}\noutputs: {x: {variable: x, scale: big}}",
+            r"outputs\.x\.scale: needs a number, not a text",
+        ),
+        (
+            "fmu: a\ninputs: {}\noutputs: {}\nstart_values: {mass: big}",
+            r"start_values\.mass: needs true or false or a number, not a text",
+        ),
     ],
 )
 def test_a_wrong_mapping_is_one_line(tmp_path, text, line):
@@ -82,6 +90,25 @@ def test_a_file_that_is_no_fmu_is_one_line(tmp_path):
         Fmu(load_mapping(tmp_path / "m.yaml"))
 
 
+@pytest.mark.parametrize(
+    ("name", "description", "line"),
+    [
+        ("model.xml", "<fmiModelDescription/>", r"it has no modelDescription\.xml$"),
+        ("modelDescription.xml", "<fmiModelDescription/>", "names no fmiVersion$"),
+        ("modelDescription.xml", "no XML", "is not an FMU: "),
+    ],
+)
+def test_an_archive_that_is_no_fmu_is_one_line(tmp_path, name, description, line):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as archive:
+        archive.writestr(name, description)
+    (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
+    with pytest.raises(PlantError, match=line) as problem:
+        Fmu(load_mapping(tmp_path / "m.yaml"))
+    assert "\n" not in str(problem.value)
+
+
 def test_an_fmu_of_fmi_1_is_one_line(tmp_path):
     from tricycle_sim.fmi.cosimulation import Fmu
 
@@ -98,6 +125,31 @@ def test_an_fmu_of_fmi_1_is_one_line(tmp_path):
         PlantError, match=r"a\.fmu: needs an FMU 2\.0 or 3\.0; this one is of FMI 1"
     ):
         Fmu(load_mapping(tmp_path / "m.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("version", "needed"), [("2.0", fmpy.platform), ("3.0", fmpy.platform_tuple)]
+)
+def test_an_fmu_without_a_binary_for_this_platform_says_which_it_has(
+    tmp_path, monkeypatch, version, needed
+):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    unpacked = tmp_path / "unpacked"
+    unpacked.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(unpacked))
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as archive:
+        archive.writestr(
+            "modelDescription.xml",
+            f'<fmiModelDescription fmiVersion="{version}" modelName="a" guid="a" '
+            'instantiationToken="a"><CoSimulation modelIdentifier="car"/><ModelVariables/>'
+            "<ModelStructure/></fmiModelDescription>",
+        )
+        archive.writestr("binaries/other/car.lib", "")
+    (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
+    with pytest.raises(PlantError, match=rf"{needed}/car\.\w+; it has: other/car\.lib$"):
+        Fmu(load_mapping(tmp_path / "m.yaml"))
+    assert not list(unpacked.iterdir())
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -258,7 +258,7 @@ def processes(workers: int | None = None) -> Iterator[Executor]:
     try:
         yield pool
     finally:
-        pool.shutdown(kill_workers=True)
+        _end(pool)
 
 
 def _pool(workers: int | None) -> Any:
@@ -273,8 +273,17 @@ def _pool(workers: int | None) -> Any:
 
 def _replaced_pool(workers: int | None) -> Executor:
     """End the processes, also those that hang, and give others."""
-    _pool(workers).shutdown(kill_workers=True)
+    _end(_pool(workers))
     return process_pool(workers)
+
+
+def _end(pool: Any) -> None:
+    """End the processes at once, whatever they do."""
+    # loky gives queued work an error; a future that is cancelled takes none, and its thread fails
+    for item in list(pool._pending_work_items.values()):  # noqa: SLF001
+        if item.future.cancelled():
+            item.future = Future()
+    pool.shutdown(kill_workers=True)
 
 
 def _prepare_worker() -> None:

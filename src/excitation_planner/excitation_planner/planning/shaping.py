@@ -5,6 +5,7 @@ mass, steering or limits, they drive another path and may not be feasible. What 
 constants such as those of tyres and losses, may differ: the drive is there to find them.
 """
 
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from math import isclose
 from typing import TYPE_CHECKING
@@ -115,14 +116,13 @@ def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
     PlanError
         If they differ; the message names the laws and constants, with both values.
     """
-    here, laws = shaping_constants(vehicle), laws_of(vehicle)
+    laws, here = laws_of(vehicle), _values_of(plan.constants, vehicle)
     differing = [
-        f"{name} {planned:.6g} instead of {here[name]:.6g}"
-        if name in here
-        else f"{name} {planned:.6g}, which it does not have"
+        f"{name} {planned:.6g}, which it does not have"
+        if name not in here
+        else f"{name} {planned:.6g} instead of {' and '.join(f'{value:.6g}' for value in others)}"
         for name, planned in plan.constants.items()
-        if name not in vehicle.unknown
-        and not (name in here and isclose(planned, here[name], rel_tol=1e-9))
+        if (others := _others(planned, here.get(name, ()))) or name not in here
     ]
     differing += [
         f"parts.{part} {law} instead of {laws.get(part, 'several')}"
@@ -135,3 +135,25 @@ def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
             f"plan {plan.id} is for another vehicle ({plan.vehicle}) than {vehicle.name}: "
             f"{', '.join(differing[:TOLD])}{more}; plan again for this vehicle"
         )
+
+
+def _values_of(names: Collection[str], vehicle: Vehicle) -> dict[str, list[float]]:
+    """Return the known values that a vehicle has for entries, however its own file spells them."""
+    found = {name: [vehicle.values[name]] for name in names if name in vehicle.values}
+    by_wheel: dict[str, list[float]] = {}
+    for name in (c.name for c in vehicle.declared.values() if c.per_wheel):
+        for wheel in vehicle.wheels:
+            spelt = wheel.spellings(name)
+            own = next((entry for entry, _ in spelt if entry in vehicle.values), None)
+            asked = next(((entry, sign) for entry, sign in spelt if entry in names), None)
+            if own is not None and asked is not None:
+                values = by_wheel.setdefault(asked[0], [])
+                if own not in vehicle.unknown:
+                    values.append(asked[1] * getattr(vehicle.of(wheel), name))
+    found |= by_wheel
+    return {name: [] if name in vehicle.unknown else values for name, values in found.items()}
+
+
+def _others(planned: float, values: Iterable[float]) -> list[float]:
+    """Return each of the values that differs from that of a plan, once."""
+    return [v for v in dict.fromkeys(values) if not isclose(planned, v, rel_tol=1e-9)]

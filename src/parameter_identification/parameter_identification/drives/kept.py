@@ -19,7 +19,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
-FORMAT = 4  # counted up with what is read of a bag, so that older files are read anew
+FORMAT = 5  # counted up with what is read of a bag, so that older files are read anew
 
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
@@ -65,6 +65,7 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
         "name": np.array(drive.name),
         "complete": np.array(drive.complete),
         "began": np.array(drive.began),
+        "vehicle_hash": np.array(drive.vehicle_hash),
         "commands": np.array([commands.time, commands.steering_motor_angle, commands.speed]),
         "truth": np.array(list(drive.truth.values())),
         "true": np.array(list(drive.truth), dtype=str),
@@ -112,6 +113,7 @@ def load_kept(file: Path) -> MeasuredDrive:
             truth=dict(zip(arrays["true"].tolist(), arrays["truth"].tolist(), strict=True)),
             complete=bool(arrays["complete"]),
             began=float(arrays["began"]),
+            vehicle_hash=str(arrays["vehicle_hash"]),
             steering_angle=Samples(*arrays[Input.STEERING.name].T)
             if Input.STEERING.name in arrays
             else None,
@@ -173,6 +175,18 @@ def is_kept(file: Path) -> bool:
             return True
     except (IdentificationError, FileNotFoundError):
         return False
+
+
+def vehicle_hash_of(file: Path) -> str:
+    """Return the fingerprint of the vehicle file of a kept drive; empty: not recorded.
+
+    Parameters
+    ----------
+    file : Path
+        Written by `keep`.
+    """
+    with _arrays_of(file) as arrays:
+        return str(arrays["vehicle_hash"])
 
 
 @contextmanager

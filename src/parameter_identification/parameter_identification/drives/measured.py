@@ -205,6 +205,8 @@ class MeasuredDrive:
         Name of the recording that it is a window of; empty: a drive of its own.
     map_estimated : bool
         Whether its steering's angle is by a map that was estimated from the recording.
+    vehicle_hash : str
+        Fingerprint of the vehicle file that it was driven with; empty: not recorded.
 
     Raises
     ------
@@ -227,6 +229,7 @@ class MeasuredDrive:
     steering_late: float = 0.0
     recording: str = ""
     map_estimated: bool = False
+    vehicle_hash: str = ""
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:

@@ -27,6 +27,7 @@ from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
+VEHICLE_HASH = "vehicle_hash"  # in the record of a bag of `tricycle drive`
 SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag
 
 
@@ -99,6 +100,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         complete=drive.complete,
         began=drive.recorded / SECOND,
         steering_angle=_steering_angle(drive, end),
+        vehicle_hash=drive.metadata.get(VEHICLE_HASH, ""),
     )
 
 

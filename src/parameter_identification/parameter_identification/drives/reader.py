@@ -299,7 +299,10 @@ class _Collector:
         running = [(at, s) for at, s in states if s.state is PlaybackState.RUNNING]
         starts = {s.start_time for _, s in running}
         if not starts:
-            raise JudgeError(f"{self.bag}: {self.state} holds no start event: nothing was driven")
+            why = "nothing was driven"
+            if not self.reader.complete:
+                why = "the bag is not whole: it was cut off, or a file or messages are missing"
+            raise JudgeError(f"{self.bag}: {self.state} holds no start event: {why}")
         if len(starts) > 1:
             raise JudgeError(
                 f"{self.bag}: {len(starts)} maneuvers were started: record every maneuver in a "

@@ -135,10 +135,12 @@ def run_export_fmu(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file exists, or there is no C compiler.
+        If the file exists or is named otherwise, or there is no C compiler.
     """
     from tricycle_sim.fmi.export import export_fmu
 
+    if args.output.suffix != ".fmu":
+        raise VehicleError(f"{args.output}: must end in .fmu")
     check_output_files([args.output], args)
     vehicle = load_vehicle(args.file)
     for name in export_fmu(vehicle, args.output):

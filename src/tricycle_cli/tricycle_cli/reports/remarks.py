@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -246,8 +246,22 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
     lines += _contradictions(found, "drives")
     lines += [f"effect: {effect}" for effect in found.effects]
     lines += _not_whole([drive.name for drive in found.drives if not drive.complete])
+    lines += _of_another_file(found.driven_with, found.vehicle_hash)
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
+
+
+def _of_another_file(driven_with: Mapping[str, str], here: str) -> list[str]:
+    """A line where drives were made with another vehicle file than this one."""
+    others = {name: known for name, known in driven_with.items() if known != here}
+    if not others:
+        return []
+    files = _some(sorted(set(others.values())))
+    return [
+        f"driven with another vehicle file ({files}) than this one ({here}): {len(others)} of the "
+        f"drives ({_some(list(others))}). What differs between the files is not checked: a wrong "
+        "constant bends the estimates"
+    ]
 
 
 def _not_whole(drives: Sequence[str]) -> list[str]:
@@ -308,6 +322,14 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
             if not drive.complete
         ]
     )
+    lines += _of_another_file(
+        {
+            f"{name}/{drive}": known
+            for name, vehicle in fleet.vehicles.items()
+            for drive, known in vehicle.driven_with.items()
+        },
+        next(iter(fleet.vehicles.values())).vehicle_hash,
+    )
     return lines + [f"left out: {reason}" for reason in fleet.left_out]
 
 
@@ -338,6 +360,8 @@ def remarks_on_drives(
     for drive in (*used, *held_out):
         if not drive.complete:
             yield f"{drive.name}: its bag is not whole ({NOT_WHOLE}); used as far as it goes"
+    hashes = {drive.name: drive.vehicle_hash for drive in (*used, *held_out) if drive.vehicle_hash}
+    yield from _of_another_file(hashes, found.vehicle_hash)
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
     unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
     for sensor in sorted(unused, key=lambda sensor: sensor.value):

@@ -4,9 +4,11 @@ import contextlib
 import math
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from tricycle_core.errors import PlantError, hint
 from tricycle_core.optional import missing
@@ -21,6 +23,8 @@ except ModuleNotFoundError as error:
 _FLOATS = ("Real", "Float64", "Float32")
 _INTEGERS = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
 _TYPES = (*_FLOATS, *_INTEGERS, "Boolean", "Enumeration")
+_DESCRIPTION = "modelDescription.xml"
+_TOLD = 4  # binaries that are named
 
 
 class Fmu:
@@ -48,8 +52,8 @@ class Fmu:
     Raises
     ------
     PlantError
-        If it is not an FMU, not for co-simulation, or lacks a variable, or one has a wrong unit or
-        causality.
+        If it is not an FMU, not for co-simulation, has no binary for this platform, lacks a
+        variable, or one has a wrong unit or causality.
     """
 
     def __init__(self, mapping: FmuMapping, units: Mapping[str, str] | None = None) -> None:
@@ -57,13 +61,15 @@ class Fmu:
         path = mapping.path
         if not path.is_file():
             raise PlantError(f"{path}: there is no such FMU")
+        version = _version_of(path)
+        if not version.startswith(("2", "3")):
+            raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
         try:
             self._description = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
-            raise PlantError(f"{path}: is not an FMU: {_line(error)}") from error
-        version = self._description.fmiVersion
-        if not version.startswith(("2", "3")):
-            raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
+            raise PlantError(
+                f"{path}: is not an FMU: {_DESCRIPTION} is none of FMI {version} ({_line(error)})"
+            ) from error
         if self._description.coSimulation is None:
             raise PlantError(f"{path}: needs an FMU for co-simulation; this one is not")
         self.only_once = bool(self._description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
@@ -90,6 +96,24 @@ class Fmu:
         except Exception as error:
             self.close()
             raise PlantError(f"{path}: cannot be unpacked: {_line(error)}") from error
+        try:
+            self._check_binary(version)
+        except PlantError:
+            self.close()
+            raise
+
+    def _check_binary(self, version: str) -> None:
+        """Raise a `PlantError` unless there is a binary for this platform."""
+        needed = fmpy.platform if version.startswith("2") else fmpy.platform_tuple
+        binaries = Path(self._folder) / "binaries"
+        name = self._description.coSimulation.modelIdentifier + fmpy.sharedLibraryExtension
+        if not (binaries / needed / name).is_file():
+            files = (file for file in binaries.glob("*/*") if file.is_file())
+            there = sorted(f"{file.parent.name}/{file.name}" for file in files)
+            raise PlantError(
+                f"{self.mapping.path}: has no binary for this platform, {needed}/{name}; it has: "
+                f"{', '.join(there[:_TOLD]) or 'none'}{', …' if len(there) > _TOLD else ''}"
+            )
 
     def _find(self, part: str, name: str) -> Any:
         if name not in self._variables:
@@ -298,6 +322,21 @@ class Instance:
 
 def _quiet(*_: Any) -> None:
     """Take the FMU's log: what matters comes back as a status."""
+
+
+def _version_of(path: Path) -> str:
+    """Return the version of FMI that an FMU names; of another one FMPy makes no sense."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(_DESCRIPTION) as file:
+            _, root = next(ElementTree.iterparse(file, events=("start",)))  # noqa: S314 (as FMPy)
+    except KeyError as error:
+        raise PlantError(f"{path}: is not an FMU: it has no {_DESCRIPTION}") from error
+    except Exception as error:  # of the archive, its compression, or XML
+        raise PlantError(f"{path}: is not an FMU: {_line(error)}") from error
+    version: str | None = root.get("fmiVersion")
+    if version is None:
+        raise PlantError(f"{path}: is not an FMU: {_DESCRIPTION} names no fmiVersion")
+    return version
 
 
 def _plain(unit: str) -> str:
