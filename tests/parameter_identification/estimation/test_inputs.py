@@ -137,6 +137,19 @@ def test_the_wheels_turn_as_measured(worlds):
     assert off_by_commands > 1.0
 
 
+@pytest.mark.parametrize("name", ["nothing", "speed loop of another kind"])
+def test_the_wheels_turn_as_fast_as_measured(worlds, name, monkeypatch):
+    monkeypatch.setattr(worlds, "rounded", lambda drive: drive)
+    for drive in drives_in(worlds, name):
+        model = DriveModel(VEHICLE, drive, measured=[Input.SPEED]).motion
+        turned = model.unaffected(shares(TRUTH)[np.newaxis]).wheel_speed[0]
+        wheels = drive.signals[Sensor.WHEEL_SPEED]
+        off = np.interp(wheels.time, model.time, turned) - wheels.values[:, 0]
+        off *= VEHICLE.driven_radius
+        assert np.abs(off).max() < 0.006
+        assert np.abs(np.cumsum(off)).max() * 0.05 < 0.0004
+
+
 def test_the_steering_goes_where_it_was_measured():
     start = StartPose(0.0, 0.0, 0.0)
     drive = driven(commands_of_pair()["lane"], noise=0.0, steering_step=1e-6, start=start)

@@ -19,11 +19,14 @@ from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 from tricycle_sim.vehicle.stability import check_step
 
+SPEED_STEP = 0.01  # m/s, by which the answer of a speed loop is found
 FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
 SPEED_LAG = 0.2  # s, of a speed loop
 GAINS = "speed_gain_proportional", "speed_gain_integral"
 STIFFER = 10.0, 3.0  # times as quick: the first one that the simulation's steps allow
-STIFF_LAG, STIFF_FOLLOWING = 0.015, 3  # s, of such a loop; iterations
+STIFF_FOLLOWING = 3  # iterations with such a loop
+ANSWERED = 60  # ticks after which it has answered
+SMOOTHED = 1e-3  # weight of the changes from tick to tick of what it is given
 FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
 
 
@@ -168,9 +171,14 @@ def measured_speed(
     if time[0] > 0.0:  # it begins as the model does
         time, off = np.insert(time, 0, 0.0), np.insert(off, 0, 0.0)
     rate = expected + make_smoothing_spline(time, off)(np.clip(ticks, time[0], time[-1]))
+    speeds = np.abs(commanded[: max(1, len(commanded) - ANSWERED)])
+    fast = np.flatnonzero(speeds >= 0.999 * speeds.max())
+    steady = fast[len(fast) // 2]
+    more = np.where(np.arange(len(commanded)) < steady, 0.0, SPEED_STEP)
+    answer = vehicle.driven_radius * (wheels(more) - expected)[steady : steady + ANSWERED]
+    response = np.diff(answer / SPEED_STEP, prepend=0.0)
     for _ in range(STIFF_FOLLOWING):
-        error = vehicle.driven_radius * (rate - wheels(faster))
-        faster += error + _ahead(error, STIFF_LAG)
+        faster += _deconvolved(vehicle.driven_radius * (rate - wheels(faster)), response)
     return commanded, commanded + faster
 
 
@@ -227,6 +235,20 @@ def speed_followed(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Co
         error = speed - np.append(motion.vx[0], motion.vx[0, -1])[: len(speed)]
         wanted = wanted + error + _ahead(error, SPEED_LAG)
     return Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
+
+
+def _deconvolved(wanted: FloatArray, response: FloatArray) -> FloatArray:
+    """Input (t,) whose answer, by an impulse response (m,), is nearest to that wanted (t,)."""
+    from scipy.linalg import solveh_banded  # takes as long as NumPy
+
+    alike = np.correlate(response, response, "full")[len(response) - 1 :]
+    bands = np.repeat(alike[::-1, np.newaxis], len(wanted), axis=1)
+    bands[-1] += 2.0 * SMOOTHED
+    bands[-1, [0, -1]] -= SMOOTHED
+    bands[-2] -= SMOOTHED
+    seen = np.correlate(np.pad(wanted, (0, len(response) - 1)), response, "valid")
+    found: FloatArray = solveh_banded(bands, seen)
+    return found
 
 
 def _ahead(error: FloatArray, lag: float) -> FloatArray:
