@@ -27,7 +27,7 @@ from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
 from parameter_identification.fleet_fit import FleetFit, FleetPosterior
 from parameter_identification.many_bags import read_bags, some_of
-from parameter_identification.many_drives import ManyDrives, begin, result_of, vehicle_files_of
+from parameter_identification.many_drives import ManyDrives, begin, result_of
 from parameter_identification.vehicle_fit import descend, drop_without_inputs
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
@@ -193,11 +193,7 @@ def identify_fleet(
     vehicles = {}
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
         one = result_of(fit, known, (), level, seed, covariance=posterior.covariance(i))
-        vehicles[name] = replace(
-            one,
-            parameters={**one.parameters, **alike},
-            driven_with=vehicle_files_of(one, fit),
-        )
+        vehicles[name] = replace(one, parameters={**one.parameters, **alike})
     beyond = {
         name: pulled for i, name in enumerate(files) if (pulled := posterior.pulled(i, level))
     }

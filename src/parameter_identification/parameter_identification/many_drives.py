@@ -15,18 +15,13 @@ are counted.
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from excitation_planner.design.prior import BoxPrior
-from parameter_identification.drives.kept import (
-    beginning_of,
-    load_kept,
-    measured_in,
-    vehicle_hash_of,
-)
+from parameter_identification.drives.kept import beginning_of, load_kept, measured_in
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.estimates import estimates_of
@@ -72,13 +67,10 @@ class ManyDrives(IdentifiedParameters):
         Each drive's share of the cost at the estimate, in the order of the bags.
     left_out : tuple of str
         Bags that were not used, with the reason.
-    driven_with : mapping of str to str
-        Fingerprint of the vehicle file by drive, where its bag tells it.
     """
 
     drives: tuple[DriveShare, ...]
     left_out: tuple[str, ...]
-    driven_with: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def not_white(self) -> int:
@@ -174,8 +166,7 @@ def identify_many(
     average = None
     if weighed and fit.setting.shared:
         average = _weigh(fit)
-    found = result_of(fit, files, left_out, level, seed, average=average)
-    return replace(found, driven_with=vehicle_files_of(found, fit))
+    return result_of(fit, files, left_out, level, seed, average=average)
 
 
 def begin(
@@ -293,20 +284,6 @@ def _names_of(bags: Sequence[Path]) -> list[str]:
         if len(set(names)) == len(names):
             break
     return names
-
-
-def vehicle_files_of(found: ManyDrives, fit: VehicleFit) -> dict[str, str]:
-    """Return the fingerprint of the vehicle file by drive, where its bag tells it.
-
-    Parameters
-    ----------
-    found : ManyDrives
-        Result of the fit.
-    fit : VehicleFit
-        Has the kept drives.
-    """
-    drives = zip(found.drives, fit.files, strict=True)
-    return {drive.name: known for drive, file in drives if (known := vehicle_hash_of(file))}
 
 
 def result_of(

@@ -197,15 +197,13 @@ def test_numbers_are_whole_in_a_narrow_terminal(plan, monkeypatch, capsys):
     assert all(f"{index.value:.4f}" in text for index in plan.main.values())
 
 
-def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
-    def share(name, *, complete):
-        nothing = np.zeros(0)
-        return DriveShare(
-            *(name, 0.0, 9, nothing, 0.0, nothing, nothing, nothing, True, {}), complete=complete
-        )
+def share(name, **others):
+    nothing = np.zeros(0)
+    return DriveShare(*(name, 0.0, 9, nothing, 0.0, nothing, nothing, nothing, True, {}), **others)
 
-    drives = share("whole", complete=True), share("torn", complete=False)
-    vehicle = ManyDrives(
+
+def found_in(*drives):
+    return ManyDrives(
         vehicle="tricycle",
         vehicle_hash="abc",
         parameters=FOUND.parameters,
@@ -216,31 +214,27 @@ def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
         drives=drives,
         left_out=(),
     )
+
+
+def fleet_of(vehicle):
+    return Fleet({"red": vehicle}, {}, {}, {}, (), {}, 0.0, (), 0.95)
+
+
+def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
+    vehicle = found_in(share("whole", complete=True), share("torn", complete=False))
     (line,) = (line for line in remarks_on_many(vehicle) if "not whole" in line)
     assert line.endswith(": 1 (torn)")
-    fleet = Fleet({"red": vehicle}, {}, {}, {}, (), {}, 0.0, (), 0.95)
-    (line,) = (line for line in remarks_on_fleet(fleet) if "not whole" in line)
+    (line,) = (line for line in remarks_on_fleet(fleet_of(vehicle)) if "not whole" in line)
     assert line.endswith(": 1 (red/torn)")
 
 
 def test_drives_with_another_vehicle_file_are_told():
-    vehicle = ManyDrives(
-        vehicle="tricycle",
-        vehicle_hash="abc",
-        parameters=FOUND.parameters,
-        covariance=FOUND.covariance,
-        scatter=1.0,
-        truth={},
-        level=0.95,
-        drives=(),
-        left_out=(),
-        driven_with={"same": "abc", "other": "def"},
-    )
+    known = {"same": "abc", "other": "def", "unknown": ""}
+    vehicle = found_in(*(share(name, vehicle_hash=file) for name, file in known.items()))
     told = r"driven with another vehicle file \(def\) than this one \(abc\): 1 of the drives "
     (line,) = (line for line in remarks_on_many(vehicle) if "another vehicle" in line)
     assert re.match(rf"{told}\(other\)", line)
-    fleet = Fleet({"red": vehicle}, {}, {}, {}, (), {}, 0.0, (), 0.95)
-    (line,) = (line for line in remarks_on_fleet(fleet) if "another vehicle" in line)
+    (line,) = (line for line in remarks_on_fleet(fleet_of(vehicle)) if "another vehicle" in line)
     assert re.match(rf"{told}\(red/other\)", line)
     drives = [
         dataclasses.replace(driven_pair()[0], name=f"drive {known}", vehicle_hash=known)

@@ -19,12 +19,12 @@ from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 from tricycle_sim.vehicle.stability import check_step
 
-SPEED_STEP = 0.01  # m/s, by which the answer of a speed loop is found
 FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
 SPEED_LAG = 0.2  # s, of a speed loop
 GAINS = "speed_gain_proportional", "speed_gain_integral"
 STIFFER = 10.0, 3.0  # times as quick: the first one that the simulation's steps allow
-STIFF_FOLLOWING = 3  # iterations with such a loop
+STIFF_FOLLOWING = 2  # iterations with such a loop, after the first set-points
+LOOP_STEP = 0.01  # m/s, by which its answer is found
 ANSWERED = 60  # ticks after which it has answered
 SMOOTHED = 1e-3  # weight of the changes from tick to tick of what it is given
 FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
@@ -164,8 +164,8 @@ def measured_speed(
 
     wanted = commands.speed[command_rows(commands)]
     commanded: FloatArray = slew_all(wanted, vehicle.acceleration, start)[0]
-    faster, ticks = np.zeros(len(commanded)), batch.time[:-1]
-    expected = wheels(faster)
+    ticks = batch.time[:-1]
+    expected = wheels(np.zeros(len(commanded)))
     time = measured.time
     off = measured.values[:, 0] - np.interp(time, ticks, expected)
     if time[0] > 0.0:  # it begins as the model does
@@ -174,9 +174,10 @@ def measured_speed(
     speeds = np.abs(commanded[: max(1, len(commanded) - ANSWERED)])
     fast = np.flatnonzero(speeds >= 0.999 * speeds.max())
     steady = fast[len(fast) // 2]
-    more = np.where(np.arange(len(commanded)) < steady, 0.0, SPEED_STEP)
+    more = np.where(np.arange(len(commanded)) < steady, 0.0, LOOP_STEP)
     answer = vehicle.driven_radius * (wheels(more) - expected)[steady : steady + ANSWERED]
-    response = np.diff(answer / SPEED_STEP, prepend=0.0)
+    response = np.diff(answer / LOOP_STEP, prepend=0.0)
+    faster = _deconvolved(vehicle.driven_radius * (rate - expected), response)
     for _ in range(STIFF_FOLLOWING):
         faster += _deconvolved(vehicle.driven_radius * (rate - wheels(faster)), response)
     return commanded, commanded + faster

@@ -177,18 +177,6 @@ def is_kept(file: Path) -> bool:
         return False
 
 
-def vehicle_hash_of(file: Path) -> str:
-    """Return the fingerprint of the vehicle file of a kept drive; empty: not recorded.
-
-    Parameters
-    ----------
-    file : Path
-        Written by `keep`.
-    """
-    with _arrays_of(file) as arrays:
-        return str(arrays["vehicle_hash"])
-
-
 @contextmanager
 def _arrays_of(file: Path) -> Iterator[Mapping[str, FloatArray]]:
     try:

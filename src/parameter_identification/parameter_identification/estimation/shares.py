@@ -89,6 +89,8 @@ class DriveShare:
         True parameters, where the drive was simulated.
     complete : bool
         Whether its bag is.
+    vehicle_hash : str
+        Fingerprint of the vehicle file that it was driven with; empty: not recorded.
     """
 
     name: str
@@ -102,6 +104,7 @@ class DriveShare:
     white: bool
     truth: Mapping[str, float]
     complete: bool = True
+    vehicle_hash: str = ""
 
 
 def first_fit(
@@ -208,4 +211,5 @@ def share_of(
         white=white,
         truth=drive.truth,
         complete=drive.complete,
+        vehicle_hash=drive.vehicle_hash,
     )

@@ -246,14 +246,15 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
     lines += _contradictions(found, "drives")
     lines += [f"effect: {effect}" for effect in found.effects]
     lines += _not_whole([drive.name for drive in found.drives if not drive.complete])
-    lines += _of_another_file(found.driven_with, found.vehicle_hash)
+    hashes = {drive.name: drive.vehicle_hash for drive in found.drives}
+    lines += _of_another_file(hashes, found.vehicle_hash)
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
 
 
-def _of_another_file(driven_with: Mapping[str, str], here: str) -> list[str]:
-    """A line where drives were made with another vehicle file than this one."""
-    others = {name: known for name, known in driven_with.items() if known != here}
+def _of_another_file(hashes: Mapping[str, str], here: str) -> list[str]:
+    """A line where drives were made with another vehicle file than this one, as far as known."""
+    others = {name: known for name, known in hashes.items() if known not in ("", here)}
     if not others:
         return []
     files = _some(sorted(set(others.values())))
@@ -324,9 +325,9 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     )
     lines += _of_another_file(
         {
-            f"{name}/{drive}": known
+            f"{name}/{drive.name}": drive.vehicle_hash
             for name, vehicle in fleet.vehicles.items()
-            for drive, known in vehicle.driven_with.items()
+            for drive in vehicle.drives
         },
         next(iter(fleet.vehicles.values())).vehicle_hash,
     )
@@ -360,7 +361,7 @@ def remarks_on_drives(
     for drive in (*used, *held_out):
         if not drive.complete:
             yield f"{drive.name}: its bag is not whole ({NOT_WHOLE}); used as far as it goes"
-    hashes = {drive.name: drive.vehicle_hash for drive in (*used, *held_out) if drive.vehicle_hash}
+    hashes = {drive.name: drive.vehicle_hash for drive in (*used, *held_out)}
     yield from _of_another_file(hashes, found.vehicle_hash)
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
     unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
