@@ -88,14 +88,23 @@ GOOD = {
         ({"samples": [1.0, "x"]}, "samples"),
         ({"samples": [1.0, None]}, "samples"),
         ({"samples": [[1.0], [1.0, 2.0]]}, "samples"),
-        ({"intervals": {"mass": {"low": True, "high": 1.0}}}, "low"),
-        ({"intervals": {"mass": {"low": 0.0}}}, "high"),
-        ({"ranges": {"mass": [1.0]}}, "ranges"),
+        (
+            {"intervals": {"a": {"low": 0.0, "high": 1.0}, "b.c": {"low": True, "high": 1.0}}},
+            r"intervals\.b\.c\.low",
+        ),
+        ({"intervals": {"a": {"low": 1.0, "high": 2.0}, "b": {"low": 0.0}}}, r"intervals\.b.*high"),
+        ({"ranges": {"mass": [0.0, 1.0], "c": [1.0, "x"]}}, r"ranges\.c\[1\]"),
     ],
 )
 def test_what_does_not_fit_is_named(change, place):
     with pytest.raises(PlanError, match=rf"^plan\.json: .*{place}"):
         decode(Document, GOOD | change, "plan.json", PlanError)
+
+
+def test_each_name_on_the_way_to_a_fault_is_told():
+    values = {"front": [{}, {"left": 1.0}], "rear": [{"left": 1.0}, {"right": 2.0, "left": "x"}]}
+    with pytest.raises(PlanError, match=r"^f: rear\[1\]\.left: needs a number, not a text"):
+        decode(dict[str, list[dict[str, float]]], values, "f", PlanError)
 
 
 def test_a_value_of_another_type_is_told_in_the_words_of_a_file():

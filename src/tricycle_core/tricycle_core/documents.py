@@ -7,12 +7,14 @@ JSON values and back; whatever does not fit its type is refused with the place w
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
+import operator
 import os
 import re
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -318,10 +320,47 @@ def decode(
     """
     import msgspec
 
+    faults = (msgspec.ValidationError, ExcitationError)
+
+    def fault_of(values: object) -> str:
+        try:
+            msgspec.convert(values, kind, dec_hook=_special)
+        except faults as problem:
+            return str(problem)
+        return ""
+
     try:
         return msgspec.convert(values, kind, dec_hook=_special)
-    except (msgspec.ValidationError, ExcitationError) as problem:
-        raise error(f"{where}: {_plain_words(str(problem))}") from problem
+    except faults as problem:
+        message = _with_names(str(problem), values, fault_of)
+        raise error(f"{where}: {_plain_words(message)}") from problem
+
+
+def _with_names(message: str, values: Any, fault_of: Callable[[object], str]) -> str:
+    """Return msgspec's message with the names of mappings' entries, which it leaves out.
+
+    An entry is at fault if the message is the same without the others.
+    """
+    _, _, place = message.partition(" - at `$")
+    named = message
+    keys: list[Any] = []
+    for name, index in re.findall(r"\.([^.[`]+)|\[(\d+|\.{3})\]", place):
+        key = int(index) if index.isdecimal() else name
+        if index == "...":
+            entries = functools.reduce(operator.getitem, keys, values)
+            key = next(k for k in entries if fault_of(_with_only(k, keys, values)) == message)
+            named = named.replace("[...]", f".{key}", 1)
+        keys.append(key)
+    return named
+
+
+def _with_only(entry: Any, keys: Sequence[Any], values: Any) -> Any:
+    """Return nested mappings and lists in which one mapping, found by keys, has only one entry."""
+    if not keys:
+        return {entry: values[entry]}
+    changed = list(values) if isinstance(values, list) else dict(values)
+    changed[keys[0]] = _with_only(entry, keys[1:], values[keys[0]])
+    return changed
 
 
 def _plain_words(message: str) -> str:

@@ -84,6 +84,7 @@ def test_an_fmu_that_refuses_a_step_is_one_line(mapping_file):
     one = plant(mapping_file(step=0.005))
     with pytest.raises(PlantError, match=r"tricycle\.fmu: fails at 0\.00 s") as problem:
         one.advance(0, 0.0, 0.0, 0.0)
+    assert str(problem.value).endswith("(fmi2DoStep: needs steps of a multiple of 0.01 s)")
     assert "\n" not in str(problem.value)
 
 

@@ -24,7 +24,7 @@ from parameter_identification.drives.recorded import (
     TopicNames,
 )
 from parameter_identification.drives.samples import Samples
-from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
 from trajectory_recorder.bag.topics import deserialize
 from tricycle_core.diagnostics import values_of
 from tricycle_core.errors import JudgeError
@@ -301,7 +301,7 @@ class _Collector:
         if not starts:
             why = "nothing was driven"
             if not self.reader.complete:
-                why = "the bag is not whole: it was cut off, or a file or messages are missing"
+                why = f"the bag is {NOT_WHOLE}"
             raise JudgeError(f"{self.bag}: {self.state} holds no start event: {why}")
         if len(starts) > 1:
             raise JudgeError(

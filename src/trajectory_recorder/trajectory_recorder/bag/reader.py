@@ -23,7 +23,10 @@ from trajectory_recorder.bag.topics import Topic
 from tricycle_core.closing import Closing
 from tricycle_core.errors import BagError
 
-__all__ = ["BagError", "BagReader", "RecordedMessage"]
+__all__ = ["NOT_WHOLE", "BagError", "BagReader", "RecordedMessage"]
+
+NOT_WHOLE = "not whole: it was cut off, or a file or messages are missing"
+"""What is said of a bag that is not `complete`."""
 
 
 class BagReader(Closing):

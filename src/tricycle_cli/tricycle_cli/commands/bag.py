@@ -27,8 +27,6 @@ examples:
   tricycle bag recover torn_bag --output torn_bag_recovered
 """
 
-NOT_WHOLE = "not whole: cut off, or a file or messages are missing"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand.
@@ -88,7 +86,7 @@ def run_info(args: argparse.Namespace) -> int:
     """
     from rich.table import Table
 
-    from trajectory_recorder.bag.reader import BagReader
+    from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
 
     with BagReader(args.bag) as bag:
         start, end = bag.span or (0, 0)
@@ -158,7 +156,7 @@ def run_convert(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from trajectory_recorder.bag.conversion import convert
-    from trajectory_recorder.bag.reader import BagReader
+    from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
     from trajectory_recorder.bag.writer import Compression
     from trajectory_recorder.recording import chosen
 

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Collection, Iterable
 
 from tricycle_cli.argument_types import bag_argument, nonnegative_number, positive_number
-from tricycle_cli.commands.bag import NOT_WHOLE
 from tricycle_cli.operation.processes import run_in_foreground
 from tricycle_cli.options import BAG_HELP
 from tricycle_core.errors import BagError, hint
@@ -75,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from trajectory_recorder.bag.reader import BagReader
+    from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
 
     with BagReader(args.bag) as bag:  # a bag that cannot be read is a mistake said at once
         _check_remapped(args.remap, bag.topics)

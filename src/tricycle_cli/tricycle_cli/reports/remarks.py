@@ -33,8 +33,6 @@ OFTEN_OUTSIDE = 0.15  # of a drive more than expected: its samples err together
 MUCH_FRICTION = 0.5
 """Share of a tyre's friction above which its stiffness depends on the law that it is given."""
 
-NOT_WHOLE = "cut off before the drive's end, or a file or messages are missing"
-
 EXACT = 1e-4  # m, noise of positions below which no sensor has told them
 
 
@@ -268,10 +266,9 @@ def _of_another_file(hashes: Mapping[str, str], here: str) -> list[str]:
 def _not_whole(drives: Sequence[str]) -> list[str]:
     if not drives:
         return []
-    return [
-        f"bags that are not whole ({NOT_WHOLE}), used as far as they go: {len(drives)} "
-        f"({_some(drives)})"
-    ]
+    from trajectory_recorder.bag.reader import NOT_WHOLE
+
+    return [f"bags that are {NOT_WHOLE}; used as far as they go: {len(drives)} ({_some(drives)})"]
 
 
 def remarks_on_fleet(fleet: Fleet) -> list[str]:
@@ -357,10 +354,11 @@ def remarks_on_drives(
     """
     from parameter_identification.drives.measured import Sensor
     from parameter_identification.estimation.redrawn import SCATTERED
+    from trajectory_recorder.bag.reader import NOT_WHOLE
 
     for drive in (*used, *held_out):
         if not drive.complete:
-            yield f"{drive.name}: its bag is not whole ({NOT_WHOLE}); used as far as it goes"
+            yield f"{drive.name}: its bag is {NOT_WHOLE}; used as far as it goes"
     hashes = {drive.name: drive.vehicle_hash for drive in (*used, *held_out)}
     yield from _of_another_file(hashes, found.vehicle_hash)
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()

@@ -199,13 +199,14 @@ class Instance:
         self._where = fmu.mapping.path
         description = fmu._description  # noqa: SLF001 (of the same module)
         self._slave: Any = None
+        self._complaint = ""  # of the FMU, since its last call
         # FMPy goes into the FMU's folder, and stays there if its library does not load
         with self._telling("does not start"), contextlib.chdir(Path.cwd()):
             self._slave = instantiate_fmu(
                 fmu._folder,  # noqa: SLF001
                 description,
                 fmi_type="CoSimulation",
-                logger=_quiet,
+                logger=self._log,
             )
         try:
             self._write("start_values", fmu.mapping.start_values)
@@ -230,12 +231,20 @@ class Instance:
 
     @contextlib.contextmanager
     def _telling(self, what: str) -> Any:
+        self._complaint = ""
         try:
             yield
         except PlantError:
             raise
         except Exception as error:  # whatever FMPy makes of the FMU's answer
-            raise PlantError(f"{self._where}: {what}: {_line(error)}") from error
+            why = f" ({self._complaint})" if self._complaint else ""
+            line = _line(error).replace(f"{self._fmu._folder}/", "")  # noqa: SLF001 (of the same module)
+            raise PlantError(f"{self._where}: {what}: {line}{why}") from error
+
+    def _log(self, *entry: Any) -> None:
+        """Keep what the FMU says: it explains the call that fails, if one does."""
+        message = entry[-1]  # after the instance, its name in FMI 2.0, status, and category
+        self._complaint = _first_line(message.decode(errors="replace")) if message else ""
 
     def _write(self, part: str, values: Mapping[str, float]) -> None:
         by_kind: dict[str, tuple[list[int], list[Any]]] = {}
@@ -320,10 +329,6 @@ class Instance:
             slave.freeInstance()
 
 
-def _quiet(*_: Any) -> None:
-    """Take the FMU's log: what matters comes back as a status."""
-
-
 def _version_of(path: Path) -> str:
     """Return the version of FMI that an FMU names; of another one FMPy makes no sense."""
     try:
@@ -346,5 +351,8 @@ def _plain(unit: str) -> str:
 
 def _line(error: Exception) -> str:
     """Return the first line of what an exception says."""
-    text = str(error).strip() or type(error).__name__
-    return text.splitlines()[0]
+    return _first_line(str(error)) or type(error).__name__
+
+
+def _first_line(text: str) -> str:
+    return next(iter(text.strip().splitlines()), "")

@@ -173,14 +173,6 @@ def load_mapping(path: Path) -> FmuMapping:
             right = [q for q in QUANTITIES if (q in INPUTS) == (part == "inputs")]
             if name not in right:
                 raise PlantError(f"{path}: {part}.{name}: unknown; {hint(name, right)}")
-    for part in ("inputs", "outputs", "parameters", "start_values"):
-        entries = filled.get(part)
-        for name, entry in entries.items() if isinstance(entries, Mapping) else ():
-            alone = {"fmu": "", "inputs": {}, "outputs": {}, part: {name: entry}}
-            try:
-                decode(FmuMapping, alone, str(path), PlantError)
-            except PlantError as problem:  # which does not tell the name
-                raise PlantError(str(problem).replace("[...]", f".{name}")) from problem
     mapping = decode(FmuMapping, {**filled, "folder": str(path.parent)}, str(path), PlantError)
     if not (math.isfinite(mapping.step) and mapping.step > 0.0):
         raise PlantError(f"{path}: step: {mapping.step:g} must be positive (s)")
