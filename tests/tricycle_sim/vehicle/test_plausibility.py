@@ -3,7 +3,7 @@
 import dataclasses
 
 import pytest
-from structures import PLAIN, vehicle_of
+from structures import PLAIN, WITHOUT_SPEED_LOOP, vehicle_of
 
 from tricycle_sim.vehicle import load_vehicle, warnings_about
 
@@ -27,6 +27,13 @@ def test_impossible_inertia_is_doubted_with_its_numbers():
 def test_doubtful_vehicles_are_named(values, word):
     warnings = warnings_about(load_vehicle().replace(**values))
     assert any(word in warning for warning in warnings)
+
+
+def test_a_throttle_beyond_the_motor_is_named():
+    vehicle = vehicle_of(WITHOUT_SPEED_LOOP["throttle_curve"])
+    assert not any("throttle" in warning for warning in warnings_about(vehicle))
+    warnings = warnings_about(vehicle.replace(throttle_torque_75=vehicle.motor_torque + 1.0))
+    assert any(warning.startswith("throttle_torque_75: ") for warning in warnings)
 
 
 # two thirds of the load in front: stiffness in proportion to it makes the vehicle oversteer

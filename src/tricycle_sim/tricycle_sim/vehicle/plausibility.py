@@ -16,7 +16,13 @@ def warnings_about(vehicle: Vehicle) -> tuple[str, ...]:
     vehicle : Vehicle
         Vehicle whose constants are each within their bounds.
     """
-    return (*_inertia(vehicle), *_loads(vehicle), *_stability(vehicle), *_steps(vehicle))
+    return (
+        *_inertia(vehicle),
+        *_loads(vehicle),
+        *_motor(vehicle),
+        *_stability(vehicle),
+        *_steps(vehicle),
+    )
 
 
 def _inertia(vehicle: Vehicle) -> Iterator[str]:
@@ -46,6 +52,12 @@ def _loads(vehicle: Vehicle) -> Iterator[str]:
             yield f"{name} wheel: carries {load:.1f} N at rest: the vehicle tips over"
         if load / own.vertical_stiffness > 0.1 * own.tyre_radius:
             yield f"vertical_stiffness: the {name} tyre sinks by more than a tenth of its radius"
+
+
+def _motor(vehicle: Vehicle) -> Iterator[str]:
+    for name, torque in vehicle.values.items():
+        if name.startswith("throttle_torque_") and torque > vehicle.motor_torque:
+            yield f"{name}: {torque:g} N m is more than motor_torque, {vehicle.motor_torque:g}"
 
 
 def _stability(vehicle: Vehicle) -> Iterator[str]:
