@@ -48,6 +48,22 @@ def test_the_vehicle_that_has_no_minimum_is_named(fits, monkeypatch):
         descend(fits, None, "abcd")
 
 
+def test_a_cost_that_falls_nowhere_is_no_minimum(monkeypatch):
+    """Its slope and its values contradict each other."""
+
+    def contradicting(fits, points, _):
+        empty = np.empty((0, 1))
+        return [
+            VehicleCost(p, 1.0 + abs(p[0]), np.array([5.0]), np.eye(1), empty, ()) for p in points
+        ]
+
+    monkeypatch.setattr(vehicle_fit, "evaluate", contradicting)
+    wide = Variables(np.array([-9.0]), np.array([9.0]), np.zeros(1), np.eye(1))
+    fit = VehicleFit(None, (), wide, np.empty(0), np.zeros(1))
+    with pytest.raises(IdentificationError, match=r"^a: no minimum found"):
+        descend([fit], None, "a")
+
+
 class Dense:
     """All drives in one matrix: what is shared, then of each vehicle, then of each drive."""
 

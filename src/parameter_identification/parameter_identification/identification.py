@@ -241,8 +241,11 @@ def identify(
         if profiles and not correction.beyond.any() and not correction.scatter > 1.0:
             curves = _curves(problem, optimum, shown, level, step)
         step.pass_to(to_end)
-        optimum = replace(optimum, covariance=correction.covariance)
         k, model = problem.k, problem.models[0]
+        if lower := [curve.lower for curve in curves.values() if curve.lower is not None]:
+            lowest = min(lower, key=lambda fit: fit.cost)
+            optimum = replace(optimum, rivals=(*optimum.rivals, lowest.at[:k]))
+        optimum = replace(optimum, covariance=correction.covariance)
         estimates = estimates_of(
             vehicle=known,
             at=optimum.fit.at[:k],

@@ -31,6 +31,7 @@ from tricycle_core.quantities import FloatArray
 DRIVES_PER_TASK = 4  # of the executor
 PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
+UNEXPLAINED = 0.3  # by which a step would lower the cost, of which no part does: not a minimum
 SHORTENED = 0.3  # share of a step that is tried where the step does not lower the cost
 
 
@@ -317,7 +318,7 @@ def descend(
     Raises
     ------
     IdentificationError
-        If one has no minimum.
+        If the minimum of one is not found.
     """
     every = [fit for search in searches for fit in search.fits]
     for fit, cost in zip(every, evaluate(every, [f.at for f in every], executor), strict=True):
@@ -328,6 +329,11 @@ def descend(
         for i in list(lengths):
             points, decrease = searches[i].trial(lengths[i])
             if decrease < TOLERANCE:
+                if lengths[i] < 1.0 and searches[i].trial(1.0)[1] > UNEXPLAINED:
+                    raise IdentificationError(
+                        f"{names[i] + ': ' if names else ''}no minimum found: the cost falls "
+                        "nowhere near, although its slope says so"
+                    )
                 for fit, point in zip(searches[i].fits, points, strict=True):
                     fit.at = point
                 del lengths[i]

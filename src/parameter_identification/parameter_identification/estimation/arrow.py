@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from tricycle_core.quantities import FloatArray
 
+PATIENCE = 3  # exchanges of all variables without fewer at a wrong place
+EXCHANGES = 200  # at most; a handful are the rule
+
 
 @dataclass(frozen=True, eq=False)
 class Arrow:
@@ -78,22 +81,49 @@ class Arrow:
         return np.asarray(np.linalg.inv(information)), np.asarray(alone), sensitivity
 
     def step(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return the step (v, n) to the minimum; variables that would pass a bound end there.
+        """Return the step (v, n) to the minimum within bounds.
+
+        Variables beyond a bound are held there, and held ones that the cost draws back inside are
+        released, all at once; one at a time where that does not lead to fewer of them.
 
         Parameters
         ----------
         low, high : ndarray of float, shape (v, n)
-            Bounds of the step; those of a common variable are the same in all groups.
+            Bounds of the step, which include 0; those of a common variable are the same in all
+            groups.
+
+        References
+        ----------
+        J. J. Judice, F. M. Pires, Computers & Operations Research 21 (1994) 587-596.
         """
-        step, held = np.zeros_like(self.gradient), np.zeros(self.gradient.shape, dtype=bool)
-        for _ in range(1 + self.information.shape[1]):
-            found = self._holding(held, step)
-            beyond = ~held & ((found < low) | (found > high))
-            step = np.clip(found, low, high)
-            if not beyond.any():
+        side = np.zeros(self.gradient.shape, dtype=np.int64)  # -1, 1: held at the low, high bound
+        counted = np.ones(side.shape, dtype=bool)
+        counted[1:, self.common] = False
+        least, patience = side.size + 1, PATIENCE
+        for _ in range(EXCHANGES):
+            step = self._holding(side != 0, np.where(side < 0, low, high))
+            slope = self._slope(step)
+            beyond = (side == 0) & ((step < low) | (step > high))
+            drawn_back = side * slope > 1e-12 * np.abs(self.gradient).max()
+            wrong = beyond | drawn_back
+            count = np.count_nonzero(wrong & counted)
+            if not count:
                 break
-            held |= beyond
-        return step
+            least, patience = (count, PATIENCE) if count < least else (least, patience - 1)
+            if patience < 0:
+                last = np.zeros(side.shape, dtype=bool)
+                group, variable = np.argwhere(wrong & counted)[-1]
+                last[slice(None) if variable in self.common else group, variable] = True
+                wrong &= last
+            side = np.where(wrong, np.where(beyond, np.where(step < low, -1, 1), 0), side)
+        return np.clip(step, low, high)
+
+    def _slope(self, step: FloatArray) -> FloatArray:
+        """Half the derivatives (v, n) of the cost after a step; of common variables in all."""
+        slope = self.gradient + np.einsum("vij,vj->vi", self.information, step)
+        shared = self.prior_gradient + self.prior_information @ step[0, self.common]
+        slope[:, self.common] = slope[:, self.common].sum(axis=0) + shared
+        return slope
 
     def decrease(self, step: FloatArray) -> float:
         """Return by how much a step lowers the cost.

@@ -176,15 +176,13 @@ def _compare(
     that the intervals do not hold anyway: along a valley fits end wherever they are near enough.
     """
     allowed, k = chi_square.quantile(level, 1), problem.k
-    ends, agreed = [best], 0
+    ends = [best]
     for fit in fits:
         step()
-        if _near(fit, best, k):
-            agreed += 1
-        else:
+        if not _near(fit, best, k):
             ends.append(problem.minimise(fit.at, tolerance=ROUGH))
-    lowest = min(ends, key=lambda end: end.cost)
-    rivals = []
+    lowest, rivals = min(ends, key=lambda end: end.cost), []
+    agreed = len(fits) + 1 - len(ends) if lowest is best else 0
     for end in ends:
         if end is lowest:
             continue

@@ -31,11 +31,14 @@ class ProfileCurve:
         Rise of the cost above its minimum at each value, the other variables fitted anew.
     interval : (float, float)
         Ends at which the rise is as high as the level allows, within 0 to 1.
+    lower : Fit, optional
+        The lowest point that was met, if it is below the estimate: that is no minimum of all.
     """
 
     z: FloatArray
     rise: FloatArray
     interval: tuple[float, float]
+    lower: Fit | None = None
 
 
 def profile(
@@ -63,7 +66,7 @@ def profile(
     allowed = chi_square.quantile(level, 1)
     std = math.sqrt(inverse[i, i])
     free = np.arange(problem.n) != i
-    sides = {}
+    sides, lowest = {}, best
     for sign, bound in ((-1, 0.0), (1, 1.0)):
         z, rise = [float(best.at[i])], [0.0]
         for step in STEPS:
@@ -74,14 +77,18 @@ def profile(
             start[: problem.k] = np.clip(start[: problem.k], 0.0, 1.0)
             start[i] = at
             z.append(at)
-            cost = problem.minimise(start, free, tolerance=TOLERANCE).cost
-            rise.append(max(0.0, cost - best.cost))  # below the minimum by its tolerance at most
+            fit = problem.minimise(start, free, tolerance=TOLERANCE)
+            lowest = min(lowest, fit, key=lambda fit: fit.cost)
+            rise.append(max(0.0, fit.cost - best.cost))
             if rise[-1] > allowed or at == bound:
                 break
         sides[sign] = (z, rise, _crossing(z, rise, allowed))
     (z_low, rise_low, low), (z_high, rise_high, high) = sides[-1], sides[1]
     return ProfileCurve(
-        np.array(z_low[:0:-1] + z_high), np.array(rise_low[:0:-1] + rise_high), (low, high)
+        np.array(z_low[:0:-1] + z_high),
+        np.array(rise_low[:0:-1] + rise_high),
+        (low, high),
+        lowest if lowest.cost < best.cost - 2.0 * TOLERANCE else None,
     )
 
 

@@ -1,0 +1,35 @@
+"""What a profile finds besides its interval."""
+
+import numpy as np
+import pytest
+
+from parameter_identification.estimation.problem import Fit
+from parameter_identification.estimation.profiles import profile
+
+STD = 0.05
+
+
+class OtherValley:
+    """A parabola around 0.5, and beyond 0.56 another valley."""
+
+    n, k = 2, 1
+
+    def __init__(self, depth):
+        self.depth = depth
+
+    def minimise(self, start, free, *, tolerance):
+        below = self.depth if start[0] > 0.56 else 0.0
+        return Fit(start, 100.0 + ((start[0] - 0.5) / STD) ** 2 - below)
+
+
+@pytest.mark.parametrize("depth", [0.0, 40.0])
+def test_a_point_below_the_estimate_is_told(depth):
+    best = Fit(np.array([0.5, 0.0]), 100.0)
+    curve = profile(OtherValley(depth), best, np.diag([STD**2, 1.0]), 0, 0.95)
+    if not depth:
+        assert curve.lower is None
+        assert curve.interval == pytest.approx((0.402, 0.598), abs=1e-3)
+        return
+    assert curve.lower is not None
+    assert curve.lower.at[0] > 0.56
+    assert curve.lower.cost < 70.0
