@@ -5,7 +5,7 @@ import pytest
 from simulated_drives import TRUTH, VEHICLE, commands_of_pair
 
 from parameter_identification.drives.following import (
-    measured_steering,
+    setpoints_for_steering,
     servo_angle,
     servo_response,
     speed_followed,
@@ -30,7 +30,7 @@ def test_the_nominal_servo_reaches_the_angle_of_another_one(step, error):
     time = TICK * np.arange(int(COMMANDS.duration / TICK))
     true = servo_angle(COMMANDS, time, SLOW)
     told = Samples(time, step * np.round(true / step))
-    commanded, wanted = measured_steering(COMMANDS, told, VEHICLE)
+    commanded, wanted = setpoints_for_steering(COMMANDS, told, VEHICLE)
     own, reached = (servo_response(s, VEHICLE)[: len(time)] for s in (commanded, wanted))
     assert np.std(own - true) > 4e-3
     assert np.std(reached - true) < error
@@ -40,7 +40,7 @@ def test_a_servo_as_in_the_file_needs_no_others_set_points():
     time = TICK * np.arange(int(COMMANDS.duration / TICK))
     true = servo_angle(COMMANDS, time, VEHICLE)
     told = Samples(time, STEP * np.round(true / STEP))
-    commanded, wanted = measured_steering(COMMANDS, told, VEHICLE)
+    commanded, wanted = setpoints_for_steering(COMMANDS, told, VEHICLE)
     assert np.std(wanted - commanded) < 0.5 * STEP
 
 

@@ -57,6 +57,17 @@ def test_the_gradient_is_that_of_the_cost(problem):
         assert 2.0 * here.gradient[i] == pytest.approx(slope, rel=0.02, abs=0.5)
 
 
+def test_what_an_earlier_identification_knew_does_not_make_drives_agree(problem, pair):
+    models = [DriveModel(VEHICLE, drive) for drive in pair]
+    v = np.concatenate([shares(TRUTH), np.zeros(problem.n - problem.k)])
+    free = np.ones(problem.n, dtype=bool)
+    with LeastSquares(models, v[: problem.k], 1e6 * PRIOR.information, Loss.SQUARED) as known:
+        for one, other in zip(
+            known.by_each_drive(v, free), problem.by_each_drive(v, free), strict=True
+        ):
+            np.testing.assert_allclose(one, other)
+
+
 def test_variables_that_are_not_free_stay(problem):
     start = np.concatenate([np.full(problem.k, 0.4), np.zeros(problem.n - problem.k)])
     free = np.arange(problem.n) >= problem.k

@@ -14,7 +14,11 @@ UNIFORM_STD = 12.0**-0.5
 """Standard deviation of a parameter that is uniform on its range, in ranges."""
 
 SHOWN = 0.5
-"""Share of the prior's standard deviation that drives may leave of a parameter that they show."""
+"""Share of a standard deviation that may be left of a parameter that is shown.
+
+In an identification it is that of the range, as earlier drives count too; in a plan it is that of
+the prior, as the planned drive is to tell more.
+"""
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ def servo_angle(commands: Commands, time: FloatArray, vehicle: Vehicle) -> Float
     return angle
 
 
-def measured_steering(
+def setpoints_for_steering(
     commands: Commands, measured: Samples, vehicle: Vehicle
 ) -> tuple[FloatArray, FloatArray]:
     """Return the set-points (t,) of the steering on ticks, and those that give a measured angle.
@@ -133,7 +133,7 @@ def measured_steering(
     return setpoints, setpoints + steering_setpoints(off(inside), vehicle)
 
 
-def measured_speed(
+def setpoints_for_speed(
     commands: Commands, measured: Signal, vehicle: Vehicle, start: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the set-points (t,) of the speed on ticks, and those that give a measured wheel speed.

@@ -106,7 +106,7 @@ class Arrow:
             beyond = (side == 0) & ((step < low) | (step > high))
             drawn_back = side * slope > 1e-12 * np.abs(self.gradient).max()
             wrong = beyond | drawn_back
-            count = np.count_nonzero(wrong & counted)
+            count = int(np.count_nonzero(wrong & counted))
             if not count:
                 break
             least, patience = (count, PATIENCE) if count < least else (least, patience - 1)
@@ -120,7 +120,7 @@ class Arrow:
 
     def _slope(self, step: FloatArray) -> FloatArray:
         """Half the derivatives (v, n) of the cost after a step; of common variables in all."""
-        slope = self.gradient + np.einsum("vij,vj->vi", self.information, step)
+        slope: FloatArray = self.gradient + np.einsum("vij,vj->vi", self.information, step)
         shared = self.prior_gradient + self.prior_information @ step[0, self.common]
         slope[:, self.common] = slope[:, self.common].sum(axis=0) + shared
         return slope

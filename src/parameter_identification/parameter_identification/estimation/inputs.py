@@ -189,15 +189,18 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
     def off(point: FloatArray) -> FloatArray:
         own = vehicle
         if FREQUENCY in vehicle.values:
-            own = vehicle.replace(**{FREQUENCY: vehicle.values[FREQUENCY] * math.exp(point[0])})
+            own = vehicle.replace(**{FREQUENCY: vehicle.values[FREQUENCY] * point[0]})
         response = servo_response(delayed(setpoints, point[1], setpoints[0]), own)
         angle = np.interp(measured.time, ticks, response)
         columns = np.column_stack([np.ones(len(angle)), angle])[:, : 1 + (np.ptp(angle) > 0.0)]
         fitted: FloatArray = columns @ np.linalg.lstsq(columns, measured.values, rcond=None)[0]
         return measured.values - fitted
 
-    bounds = [-math.log(FASTER), 0.0], [math.log(FASTER), LATER]
-    least = least_squares(off, [0.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=1e-3)
+    bounds = [1.0 / FASTER, 0.0], [FASTER, LATER]
+    # relative steps: 0.1 % of the frequency, 1 ms at the first delay
+    least = least_squares(
+        off, [1.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=[1e-3, 0.05]
+    )
     rates = np.gradient(servo_response(setpoints, vehicle), TICK)
     noise = _sensor_noise(measured.time, measured.values, np.std(rates), READ)
     return float(np.sqrt(np.mean((least.fun / noise) ** 2)))

@@ -96,7 +96,7 @@ def heterogeneity_factors(
     ----------
     R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177-188; J. P. T. Higgins,
     S. G. Thompson, D. J. Spiegelhalter, Journal of the Royal Statistical Society A 172 (2009)
-    137-159, Eq. 12.
+    137-159, Eq. 12, with d - 1 degrees of freedom instead of d - 2, which two drives do not have.
     """
     d, k = estimates.shape
     weights = 1.0 / variances

@@ -154,7 +154,11 @@ class DriveModel:
             yield Nuisance(error.name, error.unit, 0.0, error.std)
 
     def _start_guess(self) -> tuple[float, float, float]:
-        """Start pose if known, else from the first second, or of the best rigid motion."""
+        """Start pose, as far as it is not known where the nominal vehicle's fits the samples.
+
+        The heading fits the first samples of a heading sensor, or the positions of the first half
+        of the drive or 5 s; the place fits those where the vehicle has hardly moved.
+        """
         start: StartPose = self.drive.start
         motion = self.motion.unaffected(self.nominal[np.newaxis])
         position = self.drive.signals[Sensor.POSITION]

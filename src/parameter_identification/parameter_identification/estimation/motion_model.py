@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from parameter_identification.drives.following import (
     has_gains,
-    measured_speed,
-    measured_steering,
+    setpoints_for_speed,
+    setpoints_for_steering,
     with_stiff_loop,
 )
 from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
@@ -104,22 +104,22 @@ class _Followed:
 
     Attributes
     ----------
-    setpoints, measured : ndarray of float, shape (t - 1,)
+    commanded, following : ndarray of float, shape (t - 1,)
         Set-points on the ticks: those commanded, and those that give what was measured.
     moves : ndarray of bool, shape (t - 1,)
         True where an error of the sensor's zero acts.
     """
 
-    setpoints: FloatArray
-    measured: FloatArray
+    commanded: FloatArray
+    following: FloatArray
     moves: NDArray[np.bool_]
 
     def added(self, late: FloatArray, zero: FloatArray, gain: FloatArray) -> FloatArray:
         """Return the additions (n, t) to the set-points by errors of the sensor, (n,) each."""
-        ticks = TICK * np.arange(len(self.setpoints))
-        rows = np.array([np.interp(ticks + delay, ticks, self.measured) for delay in late])
+        ticks = TICK * np.arange(len(self.commanded))
+        rows = np.array([np.interp(ticks + delay, ticks, self.following) for delay in late])
         wanted = rows * (1.0 + gain[:, np.newaxis]) + zero[:, np.newaxis] * self.moves
-        return np.pad(wanted - self.setpoints, ((0, 0), (0, 1)), mode="edge")
+        return np.pad(wanted - self.commanded, ((0, 0), (0, 1)), mode="edge")
 
 
 class MotionModel:
@@ -433,7 +433,7 @@ class MotionModel:
         """
         if Input.STEERING in self._followed and drive.steering_angle is not None:
             off = max(0.5 * resolution(drive.steering_angle.values), LEAST_OFF)
-            largest = float(np.abs(self._followed[Input.STEERING].measured).max())
+            largest = float(np.abs(self._followed[Input.STEERING].following).max())
             yield Nuisance(STEERING_DELAY, "s", 0.0, INPUT_DELAY_STD)
             yield Nuisance(STEERING_ZERO, "rad", 0.0, off)
             yield Nuisance(STEERING_GAIN, "1", 0.0, off / max(largest, off))
@@ -464,12 +464,12 @@ def _follow(
     """Inputs that move as measured."""
     found = {}
     if Input.STEERING in inputs and drive.steering_angle is not None:
-        setpoints, measured = measured_steering(drive.commands, drive.steering_angle, vehicle)
-        found[Input.STEERING] = _Followed(setpoints, measured, np.ones(len(measured), dtype=bool))
+        of = setpoints_for_steering(drive.commands, drive.steering_angle, vehicle)
+        found[Input.STEERING] = _Followed(*of, np.ones(len(of[1]), dtype=bool))
     if Input.SPEED in inputs:
         wheels = drive.signals[Sensor.WHEEL_SPEED]
-        setpoints, measured = measured_speed(drive.commands, wheels, vehicle, drive.start.speed)
-        found[Input.SPEED] = _Followed(setpoints, measured, np.abs(measured) > RESTING)
+        of = setpoints_for_speed(drive.commands, wheels, vehicle, drive.start.speed)
+        found[Input.SPEED] = _Followed(*of, np.abs(of[1]) > RESTING)
     return found
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.choice import Choice
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
@@ -256,6 +257,9 @@ class LeastSquares(Closing):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the parameters by each drive alone and their variances, both (d, k): one step.
 
+        Before a drive only the ranges are known of the parameters: an earlier identification would
+        draw all drives to the same values, so that none could contradict another.
+
         Parameters
         ----------
         v : ndarray of float, shape (n,)
@@ -264,6 +268,9 @@ class LeastSquares(Closing):
             True for variables that are estimated: the parameters, and others.
         """
         prior, estimates, variances = self._prior_gram(v), [], []
+        ranges = BoxPrior.uniform(self.k)
+        prior[: self.k, : self.k] = ranges.information
+        prior[: self.k, -1] = ranges.information @ (v[: self.k] - ranges.mean)
         for gram, at in zip(
             self._grams(self.predictions(v), self.noise), self._places, strict=True
         ):
@@ -632,7 +639,7 @@ class LeastSquares(Closing):
             for p in found:
                 plain = samples[p.sensor] = self._plain_weights(drive, p)
                 if self._robust:
-                    excess = np.maximum(1.0, self._innovations(drive, p) / OUTLYING) ** 2
+                    excess = np.maximum(1.0, self._innovations(p, plain) / OUTLYING) ** 2
                     samples[p.sensor] = SampleWeights(plain.weights / excess, plain.stamps * excess)
 
     def _plain_weights(self, drive: int, p: Prediction) -> SampleWeights:
@@ -642,10 +649,9 @@ class LeastSquares(Closing):
         alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
         return SampleWeights(_run_weights(signal.values), alike * (slope * signal.jitter) ** 2)
 
-    def _innovations(self, drive: int, p: Prediction) -> FloatArray:
+    def _innovations(self, p: Prediction, plain: SampleWeights) -> FloatArray:
         """Largest innovation (m,) of each sample, in standard deviations."""
-        plain, noise = self._plain_weights(drive, p), self.noise[p.sensor]
-        innovations, _ = whiten(p.residual, p.time, noise, plain)
+        innovations, _ = whiten(p.residual, p.time, self.noise[p.sensor], plain)
         size: FloatArray = np.abs(innovations).max(axis=1)
         return size
 
@@ -660,7 +666,7 @@ class LeastSquares(Closing):
             In standard deviations.
         """
         return sum(
-            int(np.count_nonzero(self._innovations(drive, p) > limit))
+            int(np.count_nonzero(self._innovations(p, self._plain_weights(drive, p)) > limit))
             for drive, found in enumerate(predictions)
             for p in found
         )

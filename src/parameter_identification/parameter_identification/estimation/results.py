@@ -53,7 +53,7 @@ class Estimate:
     range : (float, float)
         Ends of the parameter's range in the vehicle file.
     identifiable : bool
-        Whether the drives at least halved the prior's standard deviation.
+        Whether at most half the standard deviation of the range is left.
     profile : Profile, optional
         Profile likelihood, where it was asked for.
     """
