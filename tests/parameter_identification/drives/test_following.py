@@ -5,9 +5,9 @@ import pytest
 from simulated_drives import TRUTH, VEHICLE, commands_of_pair
 
 from parameter_identification.drives.following import (
-    setpoints_for_steering,
     servo_angle,
     servo_response,
+    setpoints_for_steering,
     speed_followed,
 )
 from parameter_identification.drives.samples import Samples
