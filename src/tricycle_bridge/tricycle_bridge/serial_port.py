@@ -201,6 +201,8 @@ class SerialPorts(Closing):
         self._stopping = True
         self._wake()
         self._thread.join()
+        for board in list(self._ports):  # not by the thread: after its death a stop can be written
+            self._close(board, "closed")
         os.close(self._wake_read)
         os.close(self._wake_write)
 
@@ -213,8 +215,6 @@ class SerialPorts(Closing):
         finally:
             if not self._stopping:
                 self._ended()
-        for board in list(self._ports):
-            self._close(board, "closed")
 
     def _look(self) -> None:
         """Open what is closed; wait for the ports and have the owner take what arrived."""
