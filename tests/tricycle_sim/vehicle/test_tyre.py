@@ -78,6 +78,16 @@ def test_forces_stay_within_the_friction_circle():
     assert force(load=0.0, kappa=1.0, alpha=1.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
+@pytest.mark.parametrize("slip", [0.02, 0.08, 1.0])
+@pytest.mark.parametrize("law", [linear, fiala])
+def test_the_share_of_the_friction_limit_is_that_of_the_limited_force(law, slip):
+    force_x, force_y, _, share, _ = law(
+        constants_of(LINEAR), 0, 200.0, slip, -slip, 0.0, 5.0, 0.0, 0.0
+    )
+    assert share == pytest.approx((force_x**2 + force_y**2) / 160.0**2, rel=1e-9)
+    assert share <= 1.0
+
+
 def test_stiffness_follows_the_load_where_the_vehicle_says_so():
     reference = VEHICLE.mass * VEHICLE.gravity / 3.0
     _, per_wheel, *_ = force(load=2.0 * reference, alpha=1e-3)

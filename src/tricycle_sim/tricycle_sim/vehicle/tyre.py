@@ -231,7 +231,7 @@ def linear(
     aligning : float
         Moment about the vertical [N m].
     share : float
-        Square of the force before limiting over the friction limit's.
+        Square of the force after limiting over the friction limit's: at most 1.
     stiffer : float
         Factor of both slips by speed, for `slip_slopes`.
     """
@@ -396,7 +396,7 @@ def magic_formula(
     Returns
     -------
     force_x, force_y, aligning, share, stiffer : float
-        As of `linear`; the share after limiting.
+        As of `linear`.
     """
     x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
     excess = load * g[c + _F.inverse_mean_load] - 1.0
