@@ -316,7 +316,7 @@ class CommandedBatch:
             columns[f"load_{wheel.name}"] = (load,), _itself
 
         driven = [index for index, wheel in enumerate(self._vehicle.wheels) if wheel.driven]
-        shares = [WHEEL.share + index * WHEEL_ROWS for index in driven]
+        shares = [WHEEL.torque_share + index * WHEEL_ROWS for index in driven]
 
         def mean(
             axles: FloatArray, p: FloatArray, q: FloatArray, r: FloatArray, *signals: FloatArray

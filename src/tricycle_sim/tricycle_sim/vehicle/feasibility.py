@@ -98,7 +98,7 @@ def read_feasibility(groups: FloatArray, n: int, wheels: Sequence[Wheel]) -> Fea
         time, x, y = (np.where(never, np.nan, item) for item in (tick * TICK, x, y))
         return Event(value.copy(), time, x, y)
 
-    friction = event(EVENT.friction)
+    friction = event(EVENT.friction_squared)
     return Feasibility(
         least_load={
             wheel.name: event(EVENT.least_load + EVENT_ROWS * index)
