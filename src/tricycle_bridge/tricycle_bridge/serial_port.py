@@ -136,11 +136,6 @@ class SerialPorts(Closing):
         self._thread = threading.Thread(target=self._run, name="serial ports", daemon=True)
         self._thread.start()
 
-    @property
-    def alive(self) -> bool:
-        """Whether the I/O thread runs; an exception in `notify` ends it."""
-        return self._thread.is_alive()
-
     def take_events(self) -> list[PortEvent]:
         """Return what happened since the last call, oldest first.
 
