@@ -14,6 +14,7 @@ from parameter_identification.estimation.observability import hidden_combination
 from parameter_identification.estimation.optimum import find_optimum, steps_to_optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import profile
+from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.validation import (
     fits_of_drives,
     predict_held_out,
@@ -66,6 +67,26 @@ def test_what_an_earlier_identification_knew_does_not_make_drives_agree(problem,
             known.by_each_drive(v, free), problem.by_each_drive(v, free), strict=True
         ):
             np.testing.assert_allclose(one, other)
+
+
+class Wall(LeastSquares):
+    """One variable that is drawn to 10, and from 1 on held back as by a stiff spring."""
+
+    def __init__(self, stiffness):
+        self.stiffness, self.n, self.samples_in_all = stiffness, 1, 1000
+        self.low, self.high, self._rough = np.array([-100.0]), np.array([100.0]), np.array([False])
+
+    def quadratic(self, v):
+        beyond = max(v[0] - 1.0, 0.0)
+        columns = np.array([[1.0, v[0] - 10.0], [self.stiffness * (beyond > 0.0), 0.0]])
+        columns[1, 1] = self.stiffness * beyond
+        return Quadratic.of_gram(v, columns.T @ columns)
+
+
+@pytest.mark.parametrize("stiffness", [3.0, 30.0, 1000.0])
+def test_a_stiff_kink_does_not_end_the_search_before_it(stiffness):
+    found = Wall(stiffness).minimise(np.zeros(1))
+    assert found.cost < 81.0 * stiffness**2 / (1.0 + stiffness**2) + 0.2
 
 
 def test_variables_that_are_not_free_stay(problem):

@@ -436,7 +436,9 @@ class LeastSquares(Closing):
             elif np.any(free & self._rough):  # their slope at a point is not that on average
                 free = free & ~self._rough
             else:
-                damping = np.maximum(10.0 * damping, here.lacking(step, trial))
+                # a secant over a long step may be of a kink near its start: not all of it at once
+                most = 10.0 * np.maximum(damping, np.diag(here.information))
+                damping = np.minimum(np.maximum(10.0 * damping, here.lacking(step, trial)), most)
         return Fit(here.at, here.cost)
 
     def nuisances_at(self, drive: int) -> NDArray[np.int64]:
