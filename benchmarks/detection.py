@@ -29,6 +29,7 @@ from stopping import BACKENDS, LOAD, SLOPES, check_built, make_rig
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.messages import Board, PlcState
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.cores import usable_cores
 from tricycle_core.stopping import LINE_DETECTION, MAX_PAYLOAD
 from tricycle_sim.rig.faults import FaultKind, FaultPlan, RigFault
 from tricycle_sim.rig.host import Host
@@ -87,7 +88,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--backend", choices=BACKENDS, default="native")
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
-    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    parser.add_argument("--jobs", type=int, default=usable_cores())
     args = parser.parse_args()
     check_built(parser, [args.backend], args.build)
     cases = [

@@ -28,7 +28,6 @@ import argparse
 import functools
 import math
 import multiprocessing
-import os
 import sys
 import time
 from collections import Counter
@@ -42,6 +41,7 @@ from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.cores import usable_cores
 from tricycle_core.stopping import BRAKED, DETECTION, LINE_DETECTION, MAX_PAYLOAD, RAMPED, Cause
 from tricycle_sim.rig.faults import FaultKind, FaultPlan, RigFault
 from tricycle_sim.rig.host import Host
@@ -320,7 +320,7 @@ def main() -> int:
     parser.add_argument("--backend", choices=BACKENDS, default="emulation")
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
     parser.add_argument("--healthy", action="store_true", help="no faults")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--jobs", type=int, default=usable_cores())
     args = parser.parse_args()
     check_built(parser, [args.backend], args.build)
     one = functools.partial(run, backend=args.backend, build=args.build, healthy=args.healthy)

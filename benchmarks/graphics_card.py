@@ -7,13 +7,13 @@ apart. Needs the extra `gpu` and a card by NVIDIA.
 """
 
 import argparse
-import os
 import time
 
 import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.trajectory_error import NominalTrajectory
+from tricycle_core.cores import usable_cores
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
@@ -64,7 +64,7 @@ def main() -> None:
 
     errors(1, on_card=False)  # compiles
     _, first = errors(1024, on_card=True)
-    print(f"first run on the card: {first:.1f} s; {len(os.sched_getaffinity(0))} cores")
+    print(f"first run on the card: {first:.1f} s; {usable_cores()} cores")
     print(f"a trial says that the card is faster: {card_is_faster(vehicle)}")
     print("samples   cores s   card s   ratio   ns per step   largest relative difference of TE")
     for n in options.samples:

@@ -29,6 +29,7 @@ from pathlib import Path
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.cores import usable_cores
 from tricycle_core.errors import ExcitationError
 from tricycle_core.stopping import MAX_PAYLOAD, Cause, stopping_distance
 from tricycle_sim.rig.emulated import EmulatedRig
@@ -198,7 +199,7 @@ def main() -> int:
     parser.add_argument("--speeds", nargs="+", type=float, default=SPEEDS)
     parser.add_argument("--deceleration", type=float, default=BridgeSettings.stopping_deceleration)
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
-    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    parser.add_argument("--jobs", type=int, default=usable_cores())
     args = parser.parse_args()
     check_built(parser, args.backends, args.build)
     started = time.perf_counter()

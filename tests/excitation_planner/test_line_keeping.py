@@ -47,3 +47,12 @@ def test_a_pose_far_off_asks_for_no_sharp_turn():
     angles = [keeping.steer((float(t), 3.0, 0.0), 2.0, t) for t in np.arange(0.0, 5.0, 0.01)]
     sharpest = CHASSIS.motor_angle(-0.1)
     assert min(angles) == pytest.approx(sharpest, abs=1e-4)
+
+
+@pytest.mark.parametrize("back", [0.03, 0.09])
+def test_a_clock_that_steps_back_leaves_the_steering_as_it_is(back):
+    """It is tolerated up to 0.1 s; the correction must not grow beyond its limit then."""
+    keeping = LineKeeping((0.0, 0.0, 0.0), 5.0, CHASSIS)
+    angles = [keeping.steer((0.0, -0.3, 0.0), 1.0, t) for t in np.arange(0.0, 1.0, 0.01)]
+    assert keeping.steer((0.0, 0.3, 0.0), 1.0, 0.99 - back) == angles[-1]
+    assert keeping.steer((0.0, 0.3, 0.0), 1.0, 1.0 - back) < angles[-1]

@@ -325,7 +325,27 @@ def test_an_exception_of_the_owner_ends_the_io_thread_which_the_owner_is_told(tm
     ports = SerialPorts({STEER: str(tmp_path / "steer")}, notify, ended=ended.set)
     assert ended.wait(PATIENCE)
     ports.close()
-    assert not ports.alive
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_after_the_io_thread_died_a_last_frame_can_be_sent_and_closing_frees_the_device(tmp_path):
+    def notify():
+        raise ValueError("a fault of the owner")
+
+    ended = threading.Event()
+    with PtyPort(tmp_path / "steer") as board:
+        ports = SerialPorts({STEER: str(board.path)}, notify, ended=ended.set)
+        assert ended.wait(PATIENCE)
+        assert ports.write(STEER, [b"stop\0"]) == 0
+        ports.close()
+        assert ports.write(STEER, [b"more\0"]) == 1
+        again = SerialPorts({STEER: str(board.path)}, lambda: None)
+        events, deadline = [], time.monotonic() + PATIENCE
+        while not events:
+            assert time.monotonic() < deadline
+            events = again.take_events()
+        again.close()
+    assert events == [Opened(STEER)]
 
 
 def test_closing_is_no_end_that_the_owner_is_told(tmp_path):

@@ -65,7 +65,7 @@ class LineKeeping:
         decay = max(SHORTEST_DECAY, DECAY_TIME * speed)
         # critically damped along the way
         wanted = float(np.clip(-aside / decay**2 - 2.0 * turned / decay, -SHARPEST, SHARPEST))
-        share = min((time - self._time) / SMOOTHING_TIME, 1.0)
+        share = min(max(time - self._time, 0.0) / SMOOTHING_TIME, 1.0)  # a clock may step back
         self._time = time
         self.curvature += share * (wanted - self.curvature)
         more = self.chassis.motor_angle(self.curvature) - self.chassis.motor_angle(0.0)

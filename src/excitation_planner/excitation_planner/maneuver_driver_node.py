@@ -6,7 +6,6 @@ On `~/go_back` it drives the vehicle back to the start, closed loop.
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -28,9 +27,8 @@ from excitation_planner.playback import Playback
 from excitation_planner.preflight import RECORDER, Check, Report, clock, commanders, recording
 from excitation_planner.schedule import MAX_ROWS, Schedule
 from excitation_planner.vehicle_watch import CLOCK_TOLERANCE, VehicleWatch
-from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis
-from excitation_planner.way_back.route import RouteRequest, find_route
+from excitation_planner.way_back.search import RouteSearch
 from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import LinkError, PlanError
@@ -184,10 +182,7 @@ class ManeuverDriver(Node):
             ground_needed=not unfenced,
             chassis=self._chassis(),
         )
-        # a route may take seconds to find; a tick may not
-        self._routes = ThreadPoolExecutor(1, "routes")
-        self._wanted: RouteRequest | None = None  # what is looked for
-        self._route: Future[tuple[Arc, ...]] | None = None
+        self._routes = RouteSearch()
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(RECORDED))
         self._state = self.create_publisher(
@@ -269,6 +264,11 @@ class ManeuverDriver(Node):
             ),
             declare(self, "tyre_radius", own.tyre_radius, "m, of the driven wheel", (0.02, 1.0)),
         )
+
+    def destroy_node(self) -> None:
+        """End the search for a route, then destroy."""
+        self._routes.close()
+        super().destroy_node()
 
     def _now(self) -> float:
         return float(self.get_clock().now().nanoseconds) * 1e-9
@@ -401,16 +401,12 @@ class ManeuverDriver(Node):
 
     def _look_for_route(self) -> None:
         """Have the route that is wanted looked for, and hand it over when it is found."""
-        wanted = self._playback.route_wanted
-        if wanted is None or self._wanted is None or wanted.start != self._wanted.start:
-            self._wanted, self._route = wanted, None
-            if wanted is not None:
-                self._route = self._routes.submit(find_route, wanted)
-        elif self._route is not None and self._route.done():
-            try:
-                self._playback.follow(self._route.result())
-            except PlanError as error:
-                self._playback.abort(str(error))
+        try:
+            route = self._routes.route(self._playback.route_wanted)
+            if route is not None:
+                self._playback.follow(route)
+        except PlanError as error:
+            self._playback.abort(str(error))
 
     def _on_finish(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._attempt(response, lambda: self._playback.finish("ended early"), "finishing")

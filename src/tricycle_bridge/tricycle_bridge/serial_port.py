@@ -136,11 +136,6 @@ class SerialPorts(Closing):
         self._thread = threading.Thread(target=self._run, name="serial ports", daemon=True)
         self._thread.start()
 
-    @property
-    def alive(self) -> bool:
-        """Whether the I/O thread runs; an exception in `notify` ends it."""
-        return self._thread.is_alive()
-
     def take_events(self) -> list[PortEvent]:
         """Return what happened since the last call, oldest first.
 
@@ -201,6 +196,8 @@ class SerialPorts(Closing):
         self._stopping = True
         self._wake()
         self._thread.join()
+        for board in list(self._ports):  # not by the thread: after its death a stop can be written
+            self._close(board, "closed")
         os.close(self._wake_read)
         os.close(self._wake_write)
 
@@ -213,8 +210,6 @@ class SerialPorts(Closing):
         finally:
             if not self._stopping:
                 self._ended()
-        for board in list(self._ports):
-            self._close(board, "closed")
 
     def _look(self) -> None:
         """Open what is closed; wait for the ports and have the owner take what arrived."""

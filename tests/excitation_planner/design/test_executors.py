@@ -23,7 +23,7 @@ import pytest
 
 from excitation_planner import design_excitation
 from excitation_planner.design import jobs
-from excitation_planner.design.executors import processes
+from excitation_planner.design.executors import process_pool, processes
 from excitation_planner.design.jobs import JobsOfExecutor, versions
 from excitation_planner.indices.analytic import MATH_MODEL_UNKNOWN, math_model
 from tricycle_core import __version__
@@ -36,6 +36,13 @@ def design(f=math_model, **arguments):
     return design_excitation(
         f, OPERATION, MATH_MODEL_UNKNOWN, "p3", samples=30, budget=1800, **arguments
     )
+
+
+def test_a_pool_has_a_process_for_each_core_that_is_usable(monkeypatch):
+    """On a node of a cluster those of the job, not of the machine."""
+    monkeypatch.setattr("loky.get_reusable_executor", lambda workers, **_: workers)
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+    assert process_pool() == len(os.sched_getaffinity(0))
 
 
 def assert_same(one, other):

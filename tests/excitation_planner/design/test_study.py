@@ -176,6 +176,7 @@ def test_outputs_are_never_overwritten(tmp_path):
         ("point,sample,output\n0,0,1\n99,0,infeasible: x\n", "point 99 was never asked for"),
         ("point,sample,output\n0,0,1\n0,1,infeasible: x\n", "point 0 has an output and is infeas"),
         ("point,sample,output,output\n0,0,1,2\n", "column output is there twice"),
+        ("point,sample,output\n0,0,1\n0,1,-inf\n", r"line 3: output -inf: must be finite, or 'f"),
         (
             "point,sample,output\n0,0,infeasible: x\n0,1,infeasible: y\n",
             "line 3: point 0 is infeasible already: x",

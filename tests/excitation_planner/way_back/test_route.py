@@ -90,6 +90,18 @@ def test_where_there_is_no_room_to_turn_it_says_so() -> None:
         find_route(request((6.0, 1.5, 0.0), (15.0, 1.5, math.pi), ALLEY))
 
 
+def test_a_search_that_is_abandoned_ends_within_a_path() -> None:
+    asked = []
+
+    def abandoned() -> bool:
+        asked.append(len(asked))
+        return len(asked) > 20
+
+    with pytest.raises(PlanError, match="abandoned"):
+        find_route(request((6.0, 1.5, 0.0), (15.0, 1.5, math.pi), ALLEY), abandoned)
+    assert len(asked) == 21
+
+
 def test_a_thin_wall_is_not_driven_through() -> None:
     wall = np.array([[12.0, 0.2], [12.02, 0.2], [12.02, 2.8], [12.0, 2.8]])
     open_ground, walled = (

@@ -39,7 +39,7 @@ def compare(vehicle, commands, n=3, **how):
         cores, card = (run.columns[name] for run in runs)
         np.testing.assert_allclose(card, cores, rtol=1e-9, atol=1e-9, err_msg=name)
     # events too, but for the place of the friction's peak: rounding decides it while a wheel slides
-    rows = [*range(EVENT.friction + 1), *range(EVENT.motor, COMMANDED)]
+    rows = [*range(EVENT.friction_squared + 1), *range(EVENT.motor, COMMANDED)]
     cores, card = (run.groups.reshape(-1, ROWS, LANES)[:, rows] for run in runs)
     np.testing.assert_allclose(card, cores, rtol=1e-6, atol=1e-6)
     return runs[1]

@@ -63,19 +63,29 @@ def test_rolling_resistance_is_against_the_spin():
 
 
 def test_small_slips_have_linear_forces():
-    force_x, force_y, aligning, share, _ = force(kappa=0.001, alpha=0.002, lean=0.01)
+    force_x, force_y, aligning, friction_squared, _ = force(kappa=0.001, alpha=0.002, lean=0.01)
     assert force_x == pytest.approx(3000.0 * 0.001, rel=1e-3)
     assert force_y == pytest.approx(1000.0 * 0.002 + 50.0 * 0.01, rel=1e-3)
     assert aligning == pytest.approx(-0.15 * 0.002, rel=1e-3)
-    assert share == pytest.approx((3.0**2 + 2.5**2) / 160.0**2, rel=1e-3)
+    assert friction_squared == pytest.approx((3.0**2 + 2.5**2) / 160.0**2, rel=1e-3)
 
 
 def test_forces_stay_within_the_friction_circle():
-    force_x, force_y, _, share, _ = force(kappa=1.0, alpha=-1.0)
+    force_x, force_y, _, friction_squared, _ = force(kappa=1.0, alpha=-1.0)
     assert math.hypot(force_x, force_y) == pytest.approx(0.8 * 200.0, rel=1e-3)
     assert force_y / force_x == pytest.approx(-1000.0 / 3000.0)
-    assert share == pytest.approx(1.0, rel=1e-3)
+    assert friction_squared == pytest.approx(1.0, rel=1e-3)
     assert force(load=0.0, kappa=1.0, alpha=1.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("slip", [0.02, 0.08, 1.0])
+@pytest.mark.parametrize("law", [linear, fiala])
+def test_the_share_of_the_friction_limit_is_that_of_the_limited_force(law, slip):
+    force_x, force_y, _, friction_squared, _ = law(
+        constants_of(LINEAR), 0, 200.0, slip, -slip, 0.0, 5.0, 0.0, 0.0
+    )
+    assert friction_squared == pytest.approx((force_x**2 + force_y**2) / 160.0**2, rel=1e-9)
+    assert friction_squared <= 1.0
 
 
 def test_stiffness_follows_the_load_where_the_vehicle_says_so():

@@ -36,7 +36,7 @@ from excitation_planner.indices.sensitivity import (
     Sensitivity,
     check_outputs,
     fit_metamodel,
-    half_width,
+    fold_half_width,
     real_outputs,
     sensitivity_of_model,
     sensitivity_of_outputs,
@@ -45,7 +45,7 @@ from excitation_planner.indices.sobol import sobol_indices
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 
-HALF_WIDTH = 1.96  # standard deviations of a 95 % interval
+NORMAL_HALF_WIDTH = 1.96  # of a 95 % interval, in standard deviations
 
 
 def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArray:
@@ -233,7 +233,7 @@ def _assess_trajectories(
     covariance = posterior_covariance(F, problem.prior, nuisances)
     costs = information_costs(covariance, problem.criterion, problem.target_index)
     cost, nothing = float(costs.mean()), np.full(k, np.nan)
-    half = HALF_WIDTH * float(costs.std()) / math.sqrt(len(costs))
+    half = NORMAL_HALF_WIDTH * float(costs.std()) / math.sqrt(len(costs))
     sensitivity = None
     if verification:
         # mean squared deviation from the middle of the box: Eq. 14 on the time points given
@@ -294,7 +294,7 @@ def cost_interval(
     ]
     if len(folds) < len(result.folds) or not np.all(np.isfinite([cost, *folds])):
         return (0.0, math.inf)
-    half = float(half_width(np.array(folds) - cost))
+    half = float(fold_half_width(np.array(folds) - cost))
     unexplained = result.unexplained
     explained, main = 1.0 - unexplained, float(result.main[target])
     low = explained * cost * main / (explained * main + unexplained)

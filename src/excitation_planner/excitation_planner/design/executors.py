@@ -23,6 +23,7 @@ from excitation_planner.design.jobs import Jobs, JobsHere, JobsOfExecutor
 from excitation_planner.design.problem import DesignProblem, Outcome, Simulator, Verified
 from excitation_planner.design.store import Store
 from excitation_planner.indices.threads import THREADPOOLS
+from tricycle_core.cores import usable_cores
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -267,7 +268,7 @@ def _pool(workers: int | None) -> Any:
     # an idle process that ends just when work comes is replaced; loky warns of it
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     return get_reusable_executor(
-        workers or os.cpu_count(), timeout=IDLE_TIME, initializer=_prepare_worker
+        workers or usable_cores(), timeout=IDLE_TIME, initializer=_prepare_worker
     )
 
 

@@ -391,11 +391,7 @@ class Store:
         key = (float(verification), *x.tolist())
         if key not in self._points:
             with self._adding():
-                if key not in self._points:
-                    point = len(self._points)
-                    row = [point, int(verification), *map(repr, x.tolist())]
-                    self._points_file.append([row])
-                    self._take_point(point, key)
+                self._append_point(key)
         return self._points[key]
 
     def keep(self, x: FloatArray, samples: range, outcome: Outcome, *, verification: bool) -> None:
@@ -412,18 +408,18 @@ class Store:
         verification : bool
             Whether the samples are those of the verification.
         """
-        point = self.number(x, verification=verification)
-        # one infeasible sample makes the maneuver infeasible, whatever others have given
-        if point in self._reasons:
-            return
-        if isinstance(outcome, str):
-            if point not in self._outputs:
-                self.add([], {point: outcome})
-        elif self.problem.criterion is Criterion.H:
-            results = zip([point] * len(samples), samples, outcome[0].tolist(), strict=True)
-            self.add(list(results), {})
-        else:
-            self.add_trajectories(point, samples, outcome)
+        with self._adding():
+            point = self._append_point((float(verification), *x.tolist()))
+            # one infeasible sample makes the maneuver infeasible, whatever others have given
+            if point in self._reasons:
+                return
+            if isinstance(outcome, str):
+                self._append({}, self._new_reasons({point: outcome}, despite_outputs=True))
+            elif self.problem.criterion is Criterion.H:
+                results = zip([point] * len(samples), samples, outcome[0].tolist(), strict=True)
+                self._append(self._new_outputs(list(results), {}), {})
+            else:
+                self._append_trajectories(point, samples, outcome, None)
 
     def add(self, results: Sequence[tuple[int, int, float]], reasons: Mapping[int, str]) -> None:
         """Add outputs and reasons why points are infeasible, all or none.
@@ -439,21 +435,7 @@ class Store:
             Why a maneuver is infeasible, by its number.
         """
         with self._adding():
-            new: dict[tuple[int, int], float] = {}
-            for point, sample, value in results:
-                output = value if math.isfinite(value) else math.nan
-                if self.problem.criterion is not Criterion.H and math.isfinite(value):
-                    raise DesignError(
-                        f"{self.path}: criterion {self.problem.criterion} needs the trajectory of "
-                        f"point {point}, sample {sample}, not a number"
-                    )
-                self._check_asked(point, sample, reasons)
-                known = self._outputs.get(point, {}).get(sample, new.get((point, sample)))
-                if known is None:
-                    new[point, sample] = output
-                elif isinstance(known, str) or not np.array_equal(known, output, equal_nan=True):
-                    self._refuse(point, sample, known)
-            self._append(new, self._new_reasons(reasons))
+            self._append(self._new_outputs(results, reasons), self._new_reasons(reasons))
 
     def add_trajectories(
         self,
@@ -478,29 +460,66 @@ class Store:
         if self.problem.criterion is Criterion.H:
             raise DesignError(f"{self.path}: criterion h needs a number per sample")
         with self._adding():
-            if len(set(samples)) < len(samples):
-                raise DesignError(f"{self.path}: point {point}: a sample is told twice")
-            fresh = []
-            for i, sample in enumerate(samples):
-                self._check_asked(point, sample, {})
-                if sample not in self._outputs.get(point, {}):
-                    fresh.append(i)
-                    continue
-                known = self._rows(point, [sample])
-                told = tuple(Y[i : i + 1] for Y in outputs)
-                if len(known) != len(told) or not all(
-                    np.array_equal(a, b, equal_nan=True) for a, b in zip(known, told, strict=True)
-                ):
-                    self._refuse(point, sample, self._outputs[point][sample])
-            if not fresh:
-                return
-            self._check_shapes(point, outputs)
-            self._check_channels(channels)
-            new, parts = [samples[i] for i in fresh], tuple(Y[fresh] for Y in outputs)
-            content = b"".join([repr((point, new)).encode(), *(Y.tobytes() for Y in parts)])
-            name = f"{hashlib.sha256(content).hexdigest()[:32]}.parquet"
-            write_trajectories(self.path / TRAJECTORIES / name, point, new, parts, channels)
-            self._append({(point, sample): name for sample in new}, {})
+            self._append_trajectories(point, samples, outputs, channels)
+
+    # ---- with the lock held ----
+
+    def _append_point(self, key: tuple[float, ...]) -> int:
+        if key not in self._points:
+            point = len(self._points)
+            self._points_file.append([[point, int(key[0]), *map(repr, key[1:])]])
+            self._take_point(point, key)
+        return self._points[key]
+
+    def _new_outputs(
+        self, results: Sequence[tuple[int, int, float]], reasons: Mapping[int, str]
+    ) -> dict[tuple[int, int], float]:
+        new: dict[tuple[int, int], float] = {}
+        for point, sample, value in results:
+            output = value if math.isfinite(value) else math.nan
+            if self.problem.criterion is not Criterion.H and math.isfinite(value):
+                raise DesignError(
+                    f"{self.path}: criterion {self.problem.criterion} needs the trajectory of "
+                    f"point {point}, sample {sample}, not a number"
+                )
+            self._check_asked(point, sample, reasons)
+            known = self._outputs.get(point, {}).get(sample, new.get((point, sample)))
+            if known is None:
+                new[point, sample] = output
+            elif isinstance(known, str) or not np.array_equal(known, output, equal_nan=True):
+                self._refuse(point, sample, known)
+        return new
+
+    def _append_trajectories(
+        self,
+        point: int,
+        samples: Sequence[int],
+        outputs: tuple[FloatArray, ...],
+        channels: Sequence[str] | None,
+    ) -> None:
+        if len(set(samples)) < len(samples):
+            raise DesignError(f"{self.path}: point {point}: a sample is told twice")
+        fresh = []
+        for i, sample in enumerate(samples):
+            self._check_asked(point, sample, {})
+            if sample not in self._outputs.get(point, {}):
+                fresh.append(i)
+                continue
+            known = self._rows(point, [sample])
+            told = tuple(Y[i : i + 1] for Y in outputs)
+            if len(known) != len(told) or not all(
+                np.array_equal(a, b, equal_nan=True) for a, b in zip(known, told, strict=True)
+            ):
+                self._refuse(point, sample, self._outputs[point][sample])
+        if not fresh:
+            return
+        self._check_shapes(point, outputs)
+        self._check_channels(channels)
+        new, parts = [samples[i] for i in fresh], tuple(Y[fresh] for Y in outputs)
+        content = b"".join([repr((point, new)).encode(), *(Y.tobytes() for Y in parts)])
+        name = f"{hashlib.sha256(content).hexdigest()[:32]}.parquet"
+        write_trajectories(self.path / TRAJECTORIES / name, point, new, parts, channels)
+        self._append({(point, sample): name for sample in new}, {})
 
     def _check_asked(self, point: int, sample: int, reasons: Mapping[int, str]) -> None:
         if not 0 <= sample < self._asked.get(point, 0):
@@ -541,7 +560,9 @@ class Store:
             f"{self.path}: point {point}, sample {sample} has the output {known!r} already"
         )
 
-    def _new_reasons(self, reasons: Mapping[int, str]) -> dict[int, str]:
+    def _new_reasons(
+        self, reasons: Mapping[int, str], *, despite_outputs: bool = False
+    ) -> dict[int, str]:
         new: dict[int, str] = {}
         for point, text in reasons.items():
             reason = " ".join(text.split())
@@ -549,14 +570,15 @@ class Store:
                 raise DesignError(f"{self.path}: point {point} was never asked for")
             if not reason:
                 raise DesignError(f"{self.path}: point {point}: say why it is infeasible")
-            if point in self._outputs:
-                raise DesignError(f"{self.path}: point {point} has outputs already")
-            if point not in self._reasons:
-                new[point] = reason
-            elif self._reasons[point] != reason:
+            if self._reasons.get(point, reason) != reason:
                 raise DesignError(
                     f"{self.path}: point {point} is infeasible already: {self._reasons[point]}"
                 )
+            if point in self._reasons:
+                continue
+            if point in self._outputs and not despite_outputs:
+                raise DesignError(f"{self.path}: point {point} has outputs already")
+            new[point] = reason
         return new
 
     def _append(

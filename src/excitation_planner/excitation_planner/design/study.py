@@ -23,7 +23,7 @@ import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, NamedTuple, Self
 
 from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
@@ -315,41 +315,19 @@ class Study:
             if twice := [name for name in needed if columns.count(name) > 1]:
                 raise DesignError(f"{path}: column {', '.join(twice)} is there twice")
             for row in reader:
-                known = reason = ""
-                output = (row["output"] or "").strip()
-                if None in row:
+                place = f"{path}, line {reader.line_num}"
+                told = _told_by(row, place)
+                if told is None:
+                    continue
+                if other := asked.other(told.point, row):
                     raise DesignError(
-                        f"{path}, line {reader.line_num}: has more cells than the header; numbers "
-                        "need a decimal point"
+                        f"{place}: {other}: are the outputs of another study, or of other "
+                        "parameters than it asked for?"
                     )
-                try:
-                    if output.startswith(INFEASIBLE):
-                        reason = " ".join(output.removeprefix(INFEASIBLE).split())
-                        known = reasons.setdefault(int(row["point"]), reason)
-                    elif output:
-                        value = float("nan" if output == FAILED else output)
-                        results.append((int(row["point"]), int(row["sample"]), value))
-                except (ValueError, TypeError):
-                    raise DesignError(
-                        f"{path}, line {reader.line_num}: point {row['point']!r}, sample "
-                        f"{row['sample']!r} and output {output!r} must be numbers, or the output "
-                        f"{FAILED!r} or '{INFEASIBLE}reason'"
-                    ) from None
-                if results and math.isinf(results[-1][2]):
-                    raise DesignError(
-                        f"{path}, line {reader.line_num}: output {output}: must be finite, or "
-                        f"{FAILED!r}"
-                    )
-                if output and (other := asked.other(int(row["point"]), row)):
-                    raise DesignError(
-                        f"{path}, line {reader.line_num}: {other}: are the outputs of another "
-                        "study, or of other parameters than it asked for?"
-                    )
-                if known != reason:
-                    raise DesignError(
-                        f"{path}, line {reader.line_num}: point {row['point']} is infeasible "
-                        f"already: {known}"
-                    )
+                if not told.reason:
+                    results.append((told.point, told.sample, told.output))
+                elif (known := reasons.setdefault(told.point, told.reason)) != told.reason:
+                    raise DesignError(f"{place}: point {told.point} is infeasible already: {known}")
         except IsADirectoryError as error:
             raise DesignError(f"{path}: is a folder; a CSV file is needed") from error
         except (UnicodeDecodeError, csv.Error) as error:
@@ -409,6 +387,37 @@ class Study:
             return ""
         except UnicodeDecodeError as error:
             raise DesignError(f"{file}: is damaged; ask again") from error
+
+
+class _Told(NamedTuple):
+    """What a row of a file of outputs says: an output, or why the maneuver is infeasible."""
+
+    point: int
+    sample: int = 0
+    output: float = math.nan  # NaN: failed
+    reason: str = ""
+
+
+def _told_by(row: Mapping[str | None, Any], place: str) -> _Told | None:
+    """Return what a row says; None where nothing was run yet."""
+    if None in row:  # where the reader puts cells without a column
+        raise DesignError(f"{place}: has more cells than the header; numbers need a decimal point")
+    point, sample, output = row["point"], row["sample"], (row["output"] or "").strip()
+    if not output:
+        return None
+    try:
+        if output.startswith(INFEASIBLE):
+            reason = " ".join(output.removeprefix(INFEASIBLE).split())
+            return _Told(int(point), reason=reason)
+        told = _Told(int(point), int(sample), float("nan" if output == FAILED else output))
+    except (ValueError, TypeError):
+        raise DesignError(
+            f"{place}: point {point!r}, sample {sample!r} and output {output!r} must be numbers, "
+            f"or the output {FAILED!r} or '{INFEASIBLE}reason'"
+        ) from None
+    if math.isinf(told.output):
+        raise DesignError(f"{place}: output {output}: must be finite, or {FAILED!r}")
+    return told
 
 
 class _Asked:

@@ -28,7 +28,7 @@ _LARGEST = 1e150  # output: the square of a larger one is no number
 # Half width of a 95 % interval, in root mean squares of what changes when a fifth of the samples is
 # left out: benchmarks/sobol.py measures the coverage. Posterior deviations are far too small for
 # smooth outputs.
-_HALF_WIDTH = 2.2
+_FOLD_HALF_WIDTH = 2.2
 
 
 @dataclass(frozen=True)
@@ -365,8 +365,8 @@ def sensitivity_of_model(
     # as in the adjusted R²: what is left out was seen when the hyperparameters were fitted
     spare = n - k - 2 - np.count_nonzero(model.amplitude_)
     unexplained = min((1.0 - q2) * n / spare, 1.0) if spare > 0 else 1.0
-    main_half = half_width(np.array([f.main for f in folds]) - indices.main)
-    total_half = half_width(np.array([f.total for f in folds]) - indices.total)
+    main_half = fold_half_width(np.array([f.main for f in folds]) - indices.main)
+    total_half = fold_half_width(np.array([f.total for f in folds]) - indices.total)
     return Sensitivity(
         main=indices.main,
         total=indices.total,
@@ -393,15 +393,15 @@ def _indices_without(model: Kriging, left_out: NDArray[np.bool_]) -> Indices:
     return sobol_indices(model.without(left_out))
 
 
-def half_width(changes: FloatArray) -> FloatArray:
-    """Return the half width of a 95 % interval.
+def fold_half_width(changes: FloatArray) -> FloatArray:
+    """Return the half width of a 95 % interval, by what folds change.
 
     Parameters
     ----------
     changes : ndarray of float, shape (folds, ...)
         Differences that leaving out a fold makes.
     """
-    half: FloatArray = _HALF_WIDTH * np.sqrt(np.mean(changes**2, axis=0))
+    half: FloatArray = _FOLD_HALF_WIDTH * np.sqrt(np.mean(changes**2, axis=0))
     return half
 
 

@@ -1,7 +1,6 @@
 """The planner: searches maneuver families, and makes the plans of the maneuvers that it finds."""
 
 import dataclasses
-import os
 import time
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -40,6 +39,7 @@ from excitation_planner.planning.replay import (
 from excitation_planner.planning.request import PlanRequest
 from excitation_planner.planning.shaping import laws_of, shaping_constants
 from tricycle_core import __version__
+from tricycle_core.cores import usable_cores
 from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
@@ -118,7 +118,7 @@ def plan_set(
     began = time.monotonic()
     # threads: compiled code does not hold the interpreter, and processes take seconds to start; one
     # BLAS thread each, also beside the search
-    threads = ThreadPoolExecutor(max(SIDE_BY_SIDE, os.cpu_count() or 1))
+    threads = ThreadPoolExecutor(max(SIDE_BY_SIDE, usable_cores()))
     with THREADPOOLS.limit(limits=1), threads:
         try:
             design, points, tried = _searched(request, executor or threads, progress)

@@ -10,6 +10,7 @@ spaces", ICRA 1997).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -72,18 +73,22 @@ class RouteRequest:
     footprint: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
 
-def find_route(request: RouteRequest) -> tuple[Arc, ...]:
+def find_route(
+    request: RouteRequest, abandoned: Callable[[], bool] = lambda: False
+) -> tuple[Arc, ...]:
     """Return the arcs of the shortest route found; the same one for the same request.
 
     Parameters
     ----------
     request : RouteRequest
         Start, goal, radius and ground.
+    abandoned : callable
+        Called before each path that is looked at; the search ends where it returns True.
 
     Raises
     ------
     PlanError
-        If there is none.
+        If there is none, or the search was abandoned.
     """
     none = "no way back to the start:"
     if not FreeGround(request, CLEARANCES[-1]).holds(*np.array([request.start]).T):
@@ -92,7 +97,7 @@ def find_route(request: RouteRequest) -> tuple[Arc, ...]:
             "drive it there by hand"
         )
     for clearance in CLEARANCES:
-        ground = FreeGround(request, clearance)
+        ground = FreeGround(request, clearance, abandoned)
         for approaches, arcs in ((APPROACHES, 0), ((*APPROACHES, SHORT_APPROACH), POSES)):
             legs = [_into(request.goal, way) for a in approaches for way in (a, -a)]
             legs = [leg for leg in legs if ground.free((leg,))]
@@ -111,10 +116,17 @@ class FreeGround:
         Request with ground and footprint.
     clearance : float
         Distance kept from the border of the ground [m].
+    abandoned : callable
+        As for `find_route`.
     """
 
-    def __init__(self, request: RouteRequest, clearance: float = CLEARANCES[0]) -> None:
-        self.ground = request.ground
+    def __init__(
+        self,
+        request: RouteRequest,
+        clearance: float = CLEARANCES[0],
+        abandoned: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.ground, self._abandoned = request.ground, abandoned
         self._request = request
         if not request.ground:
             return
@@ -154,7 +166,14 @@ class FreeGround:
         ----------
         arcs : tuple of Arc
             One after the other.
+
+        Raises
+        ------
+        PlanError
+            If the search was abandoned.
         """
+        if self._abandoned():
+            raise PlanError("the search for a way back was abandoned")
         if not self.ground:
             return True
         poses = []

@@ -9,7 +9,6 @@ All that the minimisation needs of thousands of residuals r and their Jacobian J
 
 import itertools
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.steps import uncounted
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.closing import Closing
+from tricycle_core.cores import usable_cores
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.effects import Effect
 
@@ -157,7 +157,7 @@ class LeastSquares(Closing):
             signal.values.size for model in models for signal in model.drive.signals.values()
         )
         self._predicted: dict[bytes, list[list[Prediction]]] = {}
-        self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+        self._pool = ThreadPoolExecutor(usable_cores())
 
     def _floors(self) -> dict[Sensor, float]:
         """Noise that rounding makes, at least, by sensor."""

@@ -46,11 +46,6 @@ class CommandThread:
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="commands", daemon=True)
 
-    @property
-    def alive(self) -> bool:
-        """Whether the thread runs; an exception in a callback ends it."""
-        return self._thread.is_alive()
-
     def start(self) -> None:
         """Begin to take messages."""
         self._thread.start()

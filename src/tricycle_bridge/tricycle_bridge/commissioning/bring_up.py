@@ -25,7 +25,13 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
-from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT, TRAVEL_UNIT, VOLTAGE_UNIT
+from tricycle_bridge.protocol.units import (
+    ANGLE_UNIT,
+    LENGTH_UNIT,
+    SPEED_UNIT,
+    TRAVEL_UNIT,
+    VOLTAGE_UNIT,
+)
 from tricycle_core.errors import LinkError
 from tricycle_core.stopping import Cause, stopping_distance
 
@@ -167,7 +173,7 @@ def _check_hall_lines(stand: PortStand) -> dict[str, float | str]:
 
 def _check_hall_count(stand: PortStand) -> dict[str, float | str]:
     limits = stand.limits
-    circumference = 2.0 * math.pi * limits.tyre_radius * 1e-4
+    circumference = 2.0 * math.pi * limits.tyre_radius * LENGTH_UNIT
     expected = TURNS * circumference / (limits.pulse * TRAVEL_UNIT)
     start, still = stand.drive.hall_count, [stand.now(), stand.drive.hall_count]
 

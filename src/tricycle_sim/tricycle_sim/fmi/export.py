@@ -250,7 +250,7 @@ def _header(vehicle: Vehicle, variables: list[_Variable]) -> str:
         "ROW_LOAD": EVALUATED.load,
         "ROW_ALIVE": ALIVE,
         "ROW_LEAST_LOAD": EVENT.least_load,
-        "ROW_SHARE": WHEEL.share,
+        "ROW_TORQUE_SHARE": WHEEL.torque_share,
         **{
             f"ROW_{row.upper()}": BLOCK.body + body.index(row)
             for row in ("gravity_x", "gravity_y", "gravity_z")

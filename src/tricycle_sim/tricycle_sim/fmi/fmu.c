@@ -80,7 +80,7 @@ static void read_out(Vehicle *v, int first) {
     double before = first ? v->parameters[START_HEADING] : v->heading;
     v->heading = before + remainder(yaw - before, 2.0 * M_PI);
     for (int wheel = 0; wheel < WHEELS; ++wheel)
-        speed += at(v, ROW_SHARE + wheel * WHEEL_ROWS) * wheel_speed(v, wheel);
+        speed += at(v, ROW_TORQUE_SHARE + wheel * WHEEL_ROWS) * wheel_speed(v, wheel);
     if (!first) v->drive_angle += 0.5 * TICK * (v->drive_speed + speed);
     v->drive_speed = speed;
 }

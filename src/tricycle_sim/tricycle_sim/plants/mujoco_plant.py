@@ -68,7 +68,8 @@ class MujocoPlant:
         self._vehicle = vehicle
         self._sides = structure_of(vehicle).sides[: len(vehicle.wheels)]
         each = [vehicle.of(wheel) for wheel in vehicle.wheels]
-        drive = PARTS["drive"][law_name("drive", vehicle.wheels, vehicle.parts)].rows["share"]
+        law = law_name("drive", vehicle.wheels, vehicle.parts)
+        drive = PARTS["drive"][law].rows["torque_share"]
         self._shares = np.array(
             [float(drive(o)) * w.driven for w, o in zip(vehicle.wheels, each, strict=True)]
         )

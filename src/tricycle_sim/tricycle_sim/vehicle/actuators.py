@@ -399,7 +399,7 @@ def throttle_curve(
 
 
 @inlined
-def friction_brake(g: FloatArray, c: int, spin: float, share: float, others: float) -> float:
+def friction_brake(g: FloatArray, c: int, spin: float, command: float, others: float) -> float:
     """Return the moment of the brake against the spin [N m].
 
     Coulomb's friction, which holds: up to its torque the brake takes up what else turns the wheel,
@@ -413,12 +413,12 @@ def friction_brake(g: FloatArray, c: int, spin: float, share: float, others: flo
         Index in `g` at which the brake's constants of the vehicle begin.
     spin : float
         Spin of the braked wheel [rad/s].
-    share : float
+    command : float
         Brake command, 0 (released) to 1 (full).
     others : float
         Moment of everything else on the wheel [N m].
     """
-    most = share * g[c + _B.torque]
+    most = command * g[c + _B.torque]
     moment: float = max(-most, min(most, others + g[c + _B.stiffness] * spin))
     return moment
 
@@ -487,12 +487,12 @@ BRAKES = {
 
 
 DRIVES = {
-    "single": Law(None, {"share": lambda _: 1.0}),
-    "differential": Law(None, {"share": lambda _: 0.5}),
+    "single": Law(None, {"torque_share": lambda _: 1.0}),
+    "differential": Law(None, {"torque_share": lambda _: 0.5}),
     "all": Law(
         None,
         {
-            "share": lambda w: (
+            "torque_share": lambda w: (
                 (w.drive_front_share if w.in_front else 1.0 - w.drive_front_share) / w.abreast
             )
         },

@@ -6,7 +6,6 @@ The letters of shapes: `n` samples (vehicles), `k` unknown parameters, `t` time 
 
 import dataclasses
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tricycle_bridge.protocol.units import ANGLE_UNIT
+from tricycle_core.cores import usable_cores
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
@@ -316,7 +316,7 @@ class CommandedBatch:
             columns[f"load_{wheel.name}"] = (load,), _itself
 
         driven = [index for index, wheel in enumerate(self._vehicle.wheels) if wheel.driven]
-        shares = [WHEEL.share + index * WHEEL_ROWS for index in driven]
+        shares = [WHEEL.torque_share + index * WHEEL_ROWS for index in driven]
 
         def mean(
             axles: FloatArray, p: FloatArray, q: FloatArray, r: FloatArray, *signals: FloatArray
@@ -495,7 +495,7 @@ def run_blocks(
     progress : callable or None
         As for `simulate`.
     """
-    workers = threads or len(os.sched_getaffinity(0))
+    workers = threads or usable_cores()
     groups = -(-n // LANES)
     # several blocks per thread level out their loads; 16 groups bound the memory
     size = LANES * max(1, min(16, groups // (4 * workers) if workers > 1 else groups))

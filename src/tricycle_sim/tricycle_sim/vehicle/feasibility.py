@@ -37,7 +37,7 @@ class Feasibility:
 
     # smallest load by wheel [N]; 0: the wheel lifted, then time and place of that
     least_load: Mapping[str, Event]
-    friction: Event  # largest share of a wheel's friction limit
+    friction: Event  # largest force of a tyre over its friction limit: at most 1 where it slides
     # first time the set-point fell behind the commands, or was beyond the end stop [rad]
     steering_saturated: Event
     motor_saturated: Event  # first time the motor could not give the torque, what was missing [N m]
@@ -98,7 +98,7 @@ def read_feasibility(groups: FloatArray, n: int, wheels: Sequence[Wheel]) -> Fea
         time, x, y = (np.where(never, np.nan, item) for item in (tick * TICK, x, y))
         return Event(value.copy(), time, x, y)
 
-    friction = event(EVENT.friction)
+    friction = event(EVENT.friction_squared)
     return Feasibility(
         least_load={
             wheel.name: event(EVENT.least_load + EVENT_ROWS * index)

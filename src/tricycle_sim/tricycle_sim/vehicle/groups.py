@@ -74,11 +74,6 @@ class Equilibrium:
     moved_by: list[int]
     steered_by: list[int]
 
-    @property
-    def shared(self) -> bool:
-        """Whether vehicles stand so whatever their unknown parameters are."""
-        return not self.moved_by
-
 
 @functools.lru_cache(maxsize=256)
 def equilibrium(vehicle: Vehicle) -> Equilibrium:

@@ -119,7 +119,7 @@ def _wheel(
 ) -> tuple[float, float, float, float, float, float]:
     """Evaluate a wheel of vehicle `i`.
 
-    Writes the slopes of its spin and slips, its load and friction share; returns its force and its
+    Writes the slopes of its spin and slips, its load and used friction; returns its force and its
     moment about the COM on the body, in the body frame [N, N m].
     """
     ex, ey, ez = e
@@ -163,13 +163,13 @@ def _wheel(
     slip_speed = vx - rolling
 
     load = vertical_load(g, tyre, rho, ic, vz)
-    force_x, force_y, aligning, share, stiffer = tyre_law(
+    force_x, force_y, aligning, friction_squared, stiffer = tyre_law(
         g, WHEEL.tyre_law * LANES + own, load, kappa, alpha, lean, vx, slip_speed, vy
     )
     kappa_slope, alpha_slope = slip_slopes(g, tyre, vx, slip_speed, vy, kappa, alpha, stiffer)
     resistance = rolling_resistance(g, tyre, rho, load, rolling)
 
-    drive_torque = g[WHEEL.share * LANES + own] * torque if driven else 0.0
+    drive_torque = g[WHEEL.torque_share * LANES + own] * torque if driven else 0.0
     axle_torque = drive_torque - rho * force_x
     if braked:
         axle_torque -= laws.brake(
@@ -180,7 +180,7 @@ def _wheel(
     g[STATE.kappa * LANES + slope] = kappa_slope
     g[STATE.alpha * LANES + slope] = alpha_slope
     g[EVALUATED.load * LANES + evaluated] = load
-    g[EVALUATED.share * LANES + evaluated] = share
+    g[EVALUATED.friction_squared * LANES + evaluated] = friction_squared
 
     # On the body: force at the contact, aligning torque, axle torque, gyroscopic torque
     tx = force_x * fx + force_y * lx + load * ex
@@ -211,8 +211,8 @@ def _driven_spin(
         carried = p * n2x + q * n2y + r * n2z
     else:
         carried = q
-    share = g[(WHEEL.share + wheel * WHEEL_ROWS) * LANES + i]
-    spin: float = share * (g[(STATE.spin + wheel * WHEEL_STATES) * LANES + i] - carried)
+    torque_share = g[(WHEEL.torque_share + wheel * WHEEL_ROWS) * LANES + i]
+    spin: float = torque_share * (g[(STATE.spin + wheel * WHEEL_STATES) * LANES + i] - carried)
     return spin
 
 
@@ -416,14 +416,15 @@ def watch(laws: Laws, g: FloatArray, i: int, tick: float, steering_lag: float) -
     steering_lag : float
         As for `advance` of `Functions`, at this tick [rad].
     """
-    share = 0.0
+    friction_squared = 0.0
     for wheel in range(laws.wheels):
         evaluated = wheel * WHEEL_EVALUATED * LANES + i
         load = g[EVALUATED.load * LANES + evaluated]
         event = EVENT.least_load + EVENT_ROWS * wheel
         _note(g, i, event, load < g[event * LANES + i], load, tick)
-        share = max(share, g[EVALUATED.share * LANES + evaluated])
-    _note(g, i, EVENT.friction, share > g[EVENT.friction * LANES + i], share, tick)
+        friction_squared = max(friction_squared, g[EVALUATED.friction_squared * LANES + evaluated])
+    more = friction_squared > g[EVENT.friction_squared * LANES + i]
+    _note(g, i, EVENT.friction_squared, more, friction_squared, tick)
     excess = abs(g[EVALUATED.excess * LANES + i])
     first = g[EVENT.motor * LANES + i] == 0.0 and excess > 1e-9
     _note(g, i, EVENT.motor, first, excess, tick)

@@ -135,7 +135,7 @@ def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
     motor_angles : ndarray of float
         Angles of the steering motor [rad].
     """
-    share = PARTS["drive"][law_name("drive", vehicle.wheels, vehicle.parts)].rows["share"]
+    share = PARTS["drive"][law_name("drive", vehicle.wheels, vehicle.parts)].rows["torque_share"]
     found = []
     for motor_angle in motor_angles:
         wheels = steered_wheels(vehicle, motor_angle)

@@ -73,11 +73,11 @@ STATES = STATE.spin + MOST_WHEELS * WHEEL_STATES
 START, SUM, SLOPE = STATES, 2 * STATES, 3 * STATES
 """First rows of the states at the start of a step, of the weighted sum of slopes, of the slopes."""
 
-EVALUATED = numbered("excess tilt  load share", first=4 * STATES)
+EVALUATED = numbered("excess tilt  load friction_squared", first=4 * STATES)
 """Rows of what the last evaluation of the slopes saw; the last two of the first wheel.
 
-Motor torque beyond the motor's limits [N m]; cosine of the body's tilt; wheel load [N]; squared
-share of the friction limit.
+Motor torque beyond the motor's limits [N m]; cosine of the body's tilt; wheel load [N]; square of
+the force over the friction limit's.
 """
 WHEEL_EVALUATED = 2
 """Rows from the load of one wheel to that of the next."""
@@ -85,11 +85,14 @@ ALIVE = EVALUATED.load + MOST_WHEELS * WHEEL_EVALUATED
 """1 until the vehicle has rolled over, then 0."""
 
 EVENT_ROWS = 4
-EVENT = numbered("friction motor rollover steering  least_load", first=ALIVE + 1, step=EVENT_ROWS)
+EVENT = numbered(
+    "friction_squared motor rollover steering  least_load", first=ALIVE + 1, step=EVENT_ROWS
+)
 """First of four rows of an event: value, tick, x, y.
 
-Largest friction share, first saturation of the motor, roll-over, first saturation of the steering,
-least load of the first wheel, which those of the other wheels follow.
+Largest square of a tyre's force over its friction limit's, first saturation of the motor,
+roll-over, first saturation of the steering, least load of the first wheel, which those of the other
+wheels follow.
 """
 COMMANDED = EVENT.least_load + MOST_WHEELS * EVENT_ROWS
 """First of the rows of a table's columns, where each vehicle has its own commands.

@@ -129,7 +129,7 @@ class LiveVehicle:
         self._ticks = 0
         self._sides = structure_of(vehicle).sides
         self._shares = self._rows[
-            of_wheels(WHEEL.share, WHEEL_ROWS, len(vehicle.wheels)), 0
+            of_wheels(WHEEL.torque_share, WHEEL_ROWS, len(vehicle.wheels)), 0
         ].tolist()
         self._drive_angle = 0.0
         self._drive_speed = 0.0

@@ -57,7 +57,7 @@ WHEEL, WHEEL_ROWS = blocks(
     _FIRST_WHEEL,
     {
         "place": [body.PLACE],
-        "share": [law.rows for law in actuators.DRIVES.values()],
+        "torque_share": [law.rows for law in actuators.DRIVES.values()],
         "tyre": [tyre.TYRE],
         "tyre_law": [law.rows for law in tyre.LAWS.values()],
         "brake": [law.rows for law in actuators.BRAKES.values()],
@@ -115,7 +115,7 @@ def group_constants(vehicle: Vehicle, values: Mapping[str, Any]) -> dict[int, An
     each = wheel_values(wheels, values, vehicle.declared)
     driven = next(own for wheel, own in zip(wheels, each, strict=True) if wheel.driven)
     motor = PARTS["motor"][law_name("motor", wheels, parts)].rows
-    share = PARTS["drive"][law_name("drive", wheels, parts)].rows
+    torque_share = PARTS["drive"][law_name("drive", wheels, parts)].rows
     brake = PARTS["brake"][law_name("brake", wheels, parts)].rows
     sources = [(BLOCK.body, body.BODY, driven), (BLOCK.motor, motor, driven)]
     for index, (wheel, own) in enumerate(zip(wheels, each, strict=True)):
@@ -127,7 +127,7 @@ def group_constants(vehicle: Vehicle, values: Mapping[str, Any]) -> dict[int, An
             (WHEEL.tyre_law + at, law, own),
         ]
         if wheel.driven:
-            sources.append((WHEEL.share + at, share, own))
+            sources.append((WHEEL.torque_share + at, torque_share, own))
         if wheel.braked:
             sources.append((WHEEL.brake + at, brake, own))
     return {

@@ -7,7 +7,6 @@ last digits of their numbers are others than those of the processor's cores.
 
 import functools
 import logging
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tricycle_core.cores import usable_cores
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle.batch import CommandedBatch, Run, check_parameters, run_blocks
@@ -154,7 +154,7 @@ def drive_on_card(
     if not _CARD.acquire(blocking=False):
         return done
     try:
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        with ThreadPoolExecutor(usable_cores()) as pool:
             for number, first in enumerate(range(0, n, size)):
                 block = samples[first : first + size]
                 try:

@@ -230,8 +230,8 @@ def linear(
         Force on the tyre, forward and to the left [N].
     aligning : float
         Moment about the vertical [N m].
-    share : float
-        Square of the force before limiting over the friction limit's.
+    friction_squared : float
+        Square of the force after limiting over the friction limit's: at most 1.
     stiffer : float
         Factor of both slips by speed, for `slip_slopes`.
     """
@@ -269,7 +269,7 @@ def fiala(
 
     Returns
     -------
-    force_x, force_y, aligning, share, stiffer : float
+    force_x, force_y, aligning, friction_squared, stiffer : float
         As of `linear`.
     """
     x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
@@ -278,8 +278,8 @@ def fiala(
     sliding = min(theta, 1.0)
     grip = (1.0 - sliding + sliding * sliding / 3.0) / max(theta, 1.0)
     adhering = (1.0 - sliding) * (1.0 - sliding) * (1.0 - sliding)
-    share = (1.0 - adhering) * (1.0 - adhering)
-    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * adhering, share, 1.0
+    friction_squared = (1.0 - adhering) * (1.0 - adhering)
+    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * adhering, friction_squared, 1.0
 
 
 SOFTENED: Formulas = {
@@ -327,7 +327,7 @@ def softened(
 
     Returns
     -------
-    force_x, force_y, aligning, share, stiffer : float
+    force_x, force_y, aligning, friction_squared, stiffer : float
         As of `linear`.
     """
     speed = math.sqrt(vx * vx + g[c + _S.speed_floor_squared])
@@ -346,9 +346,10 @@ def softened(
     rounded = 1.0 / math.sqrt(limit2 + force2 + 1e-12)
     circle = rest * limit * (inverse + g[c + _S.rounding] * (rounded - inverse))
     grip = circle + brush * (1.0 - sliding + sliding * sliding / 3.0) / max(theta, 1.0)
-    share = rest * force2 * inverse * inverse + brush * (1.0 - adhering) * (1.0 - adhering)
+    slid = 1.0 - adhering
+    friction_squared = rest * force2 * inverse * inverse + brush * slid * slid
     aligning = -g[c + _S.aligning] * alpha * (circle + brush * adhering)
-    return grip * x0, grip * y0, aligning, share, stiffer
+    return grip * x0, grip * y0, aligning, friction_squared, stiffer
 
 
 MAGIC_FORMULA: Formulas = {
@@ -395,8 +396,8 @@ def magic_formula(
 
     Returns
     -------
-    force_x, force_y, aligning, share, stiffer : float
-        As of `linear`; the share after limiting.
+    force_x, force_y, aligning, friction_squared, stiffer : float
+        As of `linear`.
     """
     x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
     excess = load * g[c + _F.inverse_mean_load] - 1.0
