@@ -62,7 +62,9 @@ def test_the_place_and_a_doubtful_size_of_an_area_are_told(capsys, tmp_path):
         options = ("--at", "radius=4", "speed=0.8", "--output", tmp_path / "plan", "--overwrite")
         main(["plan", "--area", str(yard), *map(str, options)])
         told = capsys.readouterr()
-        assert "in odom, its origin at latitude 6.6323°, longitude 46.5197°; " in told.out + told.err
+        assert (
+            "in odom, its origin at latitude 6.6323°, longitude 46.5197°; " in told.out + told.err
+        )
         warning = f"warning: {yard}: keep_in: is 12000 m x 25 m large; its corners are in m\n"
         assert (warning in told.err) == warned
 

@@ -393,7 +393,8 @@ def select_windows(
         raise IdentificationError(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
             f"the first pose or later, at more than {windows.above:g} m/s, without a gap or jump "
-            f"of the poses in it or in the time before (left out: {selection}): choose a shorter length or a lower speed; or "
+            f"of the poses in it or in the time before (left out: {selection}): choose a shorter "
+            "length or a lower speed; or "
             f"{_question_of_units(recording, motion)}"
         )
     return selection
