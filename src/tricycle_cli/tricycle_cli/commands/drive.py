@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "arm the vehicle first (service tricycle_bridge/arm), and keep the e-stop in hand. Ctrl-C "
         "aborts the maneuver: the vehicle stops, and the bag is closed. Of several drives "
         "(--repeat, --mirror) each has its bag in the folder --bag; on the vehicle each waits for "
-        "Enter. After an interruption the same command drives those that are missing. With --return "
-        "the vehicle drives to the start of each by itself."
+        "Enter. After an interruption the same command drives those that are missing. With "
+        "--return the vehicle drives to the start of each by itself."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
