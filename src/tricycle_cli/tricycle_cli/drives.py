@@ -125,5 +125,6 @@ def _used(recording: Recording, selection: Selection, windows: Windows) -> str:
     return (
         f"{recording.name}: {count} windows of {windows.length:g} s are "
         f"{count * windows.length:.3g} of its {whole:.3g} s; left out of the other "
-        f"possible windows, one every {windows.every:g} s: {selection}"
+        f"possible windows, one every {windows.every:g} s, for what is in them or in the "
+        f"{selection.run_in:g} s before: {selection}"
     )

@@ -14,6 +14,7 @@ from tricycle_core.documents import check_folder
 from tricycle_core.errors import ExcitationError, PlanError
 
 if TYPE_CHECKING:
+    from excitation_planner.area.area import Area
     from excitation_planner.design.noise import MeasurementNoise
     from excitation_planner.maneuver import ManeuverFamily
     from parameter_identification.drives.recorded import TopicNames
@@ -23,8 +24,8 @@ BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, sftp
 """Help text of an argument that names a bag."""
 
 
-def warn_about(vehicle: Vehicle, args: Namespace) -> None:
-    """Print what is doubtful about the vehicle of a file that the user gives, on stderr.
+def warn_about(vehicle: Vehicle, args: Namespace, area: Area | None = None) -> None:
+    """Print what is doubtful about the files of the vehicle and the area, on stderr.
 
     Of the packaged vehicle `tricycle vehicle check` prints it: those are the paper's numbers.
 
@@ -33,12 +34,16 @@ def warn_about(vehicle: Vehicle, args: Namespace) -> None:
     vehicle : Vehicle
         The one that was loaded.
     args : Namespace
-        Parsed arguments, with `vehicle`.
+        Parsed arguments, with `vehicle`; with `area` too where there is one.
+    area : Area, optional
+        The one that was loaded.
     """
     from tricycle_sim.vehicle import warnings_about
 
     for warning in () if args.vehicle is None else warnings_about(vehicle):
         print(f"warning: {warning}", file=sys.stderr)
+    if area is not None and area.doubt:
+        print(f"warning: {args.area}: {area.doubt}", file=sys.stderr)
 
 
 def refuse_given(args: Namespace, names: Iterable[str], why: str) -> None:

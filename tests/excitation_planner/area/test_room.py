@@ -1,8 +1,10 @@
 """Where on an area a maneuver begins: its tube fits, and the vehicle can come back to the start."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from excitation_planner.area.area import Area
 from excitation_planner.area.room import Room
@@ -11,10 +13,23 @@ from excitation_planner.maneuver import DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import RouteRequest, find_route
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
 YARD = Area(np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 25.0], [0.0, 25.0]]), margin=0.5)
+
+
+@pytest.mark.parametrize("corners", [YARD.keep_in * 1e-5, YARD.keep_in * (0.06, 1.0)])
+def test_an_area_that_the_vehicle_itself_does_not_fit_is_no_area(corners: FloatArray) -> None:
+    across, along = np.ptp(corners, axis=0)
+    with pytest.raises(PlanError) as caught:
+        Room(replace(YARD, keep_in=corners), footprint_of(VEHICLE))
+    assert str(caught.value) == (
+        f"keep_in: is {across:g} m x {along:g} m large, too small for the vehicle, "
+        "2.11 m x 0.82 m; its corners are in m"
+    )
 
 
 def test_a_way_back_leads_to_the_start_of_a_maneuver_that_takes_most_of_the_yard() -> None:

@@ -1,5 +1,6 @@
 """Designs on functions whose optimum is known, and what can go wrong on the way."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from threading import Lock
@@ -67,6 +68,17 @@ def test_a_target_that_cannot_be_excited_is_called_so():
     design = best(interior, "r")
     assert design.verdict is Verdict.CANNOT_EXCITE
     assert "largest other contribution: p" in design.explanation
+    assert design.explanation.endswith("at most: choose another family for this parameter")
+
+
+def test_a_budget_of_one_maneuver_is_no_reason_for_another_family():
+    design = best(interior, "r", budget=200)
+    assert len(design.history) == 1
+    assert re.search(
+        r"in 1 maneuver of this family its main index reached 0\.\d+ at most; the budget allows 1 "
+        r"maneuver of the box only: raise it by 180 for 10$",
+        design.explanation,
+    )
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
-"""Families of other distributions: the class and the entry point of the how-to, installed."""
+"""Families of other distributions: the classes and the entry points of the how-to, installed."""
 
+import csv
 import pickle
 import re
 import sys
@@ -29,7 +30,7 @@ def install(install_distribution):
 
 
 @pytest.mark.slow
-def test_the_family_of_the_how_to_is_listed_planned_and_simulated(install, tmp_path, capsys):
+def test_the_families_of_the_how_to_are_listed_planned_and_simulated(install, tmp_path, capsys):
     install("skid_pad", "skid_pad", EXAMPLE, ENTRIES)
     assert "j_turn" in family_names()
     family = family_by_name("j-turn")
@@ -42,6 +43,12 @@ def test_the_family_of_the_how_to_is_listed_planned_and_simulated(install, tmp_p
     arguments = ["--maneuver", "j-turn", "rate=0.2", "speed=1.5", "--output", str(file)]
     assert cli.main(["simulate", *arguments]) == 0
     assert file.exists()
+    for point in ("length=6 speed=1.5", "length=12 speed=0.8"):
+        arguments = ["--maneuver", "lane-change", *point.split(), "--output", str(file)]
+        assert cli.main(["simulate", *arguments, "--overwrite"]) == 0
+        with file.open() as rows:
+            *_, last = csv.DictReader(rows)
+        assert float(last["y"]) == pytest.approx(1.0, abs=0.05)
     with pytest.raises(SystemExit):
         cli.main(["plan", "--help"])
     assert "j_turn" in capsys.readouterr().out

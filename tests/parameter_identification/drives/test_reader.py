@@ -101,6 +101,16 @@ def test_without_a_start_event_a_bag_that_is_not_whole_is_said_to_be(tmp_path, c
         read_drive(bag)
 
 
+def test_a_bag_of_a_way_back_without_its_drive_is_said_to_be_one(tmp_path):
+    def only_return(messages):
+        (at, _), *_ = messages["/maneuver/state"]
+        messages["/maneuver/state"] = [(at, status("returning", ""))]
+
+    bag = Scene(edit=only_return).write(tmp_path / "bag")
+    with pytest.raises(JudgeError, match="no start event: it holds a way back to the start only"):
+        read_drive(bag)
+
+
 def test_a_way_back_after_the_drive_may_be_aborted(tmp_path: Path) -> None:
     def go_back(messages):
         end, _ = messages["/maneuver/state"][-1]

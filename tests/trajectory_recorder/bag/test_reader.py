@@ -429,8 +429,9 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 30_000  # KiB
 
 
-def test_a_folder_of_bags_names_one_of_them(tmp_path):
-    (tmp_path / "first").mkdir()
-    (tmp_path / "first" / "metadata.yaml").touch()
-    with pytest.raises(BagError, match=f"is not a bag: .*; it holds bags, as {tmp_path}/first"):
+@pytest.mark.parametrize("first", ["first", "bags/01"])
+def test_a_folder_of_bags_names_one_of_them(tmp_path, first):
+    (tmp_path / first).mkdir(parents=True)
+    (tmp_path / first / "metadata.yaml").touch()
+    with pytest.raises(BagError, match=f"is not a bag: .*; it holds bags, as {tmp_path}/{first}"):
         BagReader(tmp_path)

@@ -79,6 +79,41 @@ def test_repeats_and_mirror_images_take_turns_and_each_has_a_bag(line, monkeypat
     np.testing.assert_array_equal(left, -right)
 
 
+def test_an_interrupted_series_goes_on_with_what_is_missing(
+    line, record_drive, monkeypatch, tmp_path, capsys
+):
+    driven = []
+    drive = contextlib.nullcontext(lambda _, bag, __: driven.append(bag.name))
+    monkeypatch.setattr(session, "simulated_session", lambda **_: drive)
+    for name in ("1", "2"):
+        record_drive(tmp_path / "bag" / name)
+    assert line("--repeat", "4") == 0
+    assert driven == ["3", "4"]
+    assert "bag holds the drives 1, 2: going on" in capsys.readouterr().out
+    assert line("--repeat", "2") == 2
+    assert f"{tmp_path / 'bag'} exists: a bag is not overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("end", "options", "why"),
+    [
+        ("aborted", (), "{bag}: the maneuver was aborted"),
+        ("running", (), "{bag}: the drive is not whole: move it away"),
+        ("done", ("--mirror",), "{bag} is a drive of plan "),
+    ],
+)
+def test_a_bag_of_a_series_that_is_no_whole_drive_is_named(
+    line, plan, record_drive, tmp_path, capsys, end, options, why
+):
+    bag = tmp_path / "bag" / ("1-mirrored" if options else "1")
+    record_drive(bag, end=end)
+    assert line("--repeat", "2", *options) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("tricycle: " + why.format(bag=bag))
+    assert said.endswith("move it away, and the same command drives it again, and those that "
+                         "are missing")  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("topic", "option"),
     [("/odom", ""), ("/a/odom", ""), ("/pose/filtered", " --pose /pose/filtered")],

@@ -53,6 +53,22 @@ def test_a_plan_is_made_in_the_search_box_that_is_given_and_shown(capsys, tmp_pa
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_the_place_and_a_doubtful_size_of_an_area_are_told(capsys, tmp_path):
+    yard = tmp_path / "yard.yaml"
+    for side, warned in ((2000, False), (12000, True)):
+        corners = [[0, 0], [side, 0], [side, 25], [0, 25]]
+        yard.write_text(f"keep_in: {corners}\ndatum: [6.6323, 46.5197]\n")
+        options = ("--at", "radius=4", "speed=0.8", "--output", tmp_path / "plan", "--overwrite")
+        main(["plan", "--area", str(yard), *map(str, options)])
+        told = capsys.readouterr()
+        assert (
+            "in odom, its origin at latitude 6.6323°, longitude 46.5197°; " in told.out + told.err
+        )
+        warning = f"warning: {yard}: keep_in: is 12000 m x 25 m large; its corners are in m\n"
+        assert (warning in told.err) == warned
+
+
 def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
     for name in ("plan-1.json", "plan-2.json", "notes.json"):
         (tmp_path / name).write_text("{}")

@@ -92,7 +92,9 @@ def test_infeasible_drives_are_reported_not_hidden(tricycle, tmp_path, capsys):
     tricycle("simulate", "--commands", path, "--output", tmp_path / "o.csv", "--json")
     result = json.loads(capsys.readouterr().out)
     assert result["feasible"] == 0
-    assert result["reasons"][0]["reason"].startswith("steering saturated at 3.00 s")
+    assert result["reasons"][0]["reason"].startswith(
+        "steering asked to turn faster than steering_slew, 2 rad/s, at 3.00 s"
+    )
     least, used = result["least_load"]["left"], result["friction_used"]
     table = read(tmp_path / "o.csv")
     assert least["value"] == pytest.approx(table["load_left"].min())

@@ -80,3 +80,15 @@ def test_a_parameter_that_the_mapping_lacks_is_one_line(mapping_file):
     simulator = FmuSimulator(mapping_file(parameters={"yaw_inertia": None}))
     with pytest.raises(PlantError, match="lacks yaw_inertia, which is unknown"):
         simulator(VEHICLE, commands_of_pair()["lane"])
+
+
+def test_the_planners_simulator_names_all_that_the_mapping_lacks_when_it_is_made(mapping_file):
+    from tricycle_sim.fmi.batch import FmuFunction
+
+    file = mapping_file(parameters={"yaw_inertia": None, "camber_stiffness": None})
+    with pytest.raises(PlantError) as caught:
+        FmuFunction(file, VEHICLE, commands_of_pair().get, max)
+    assert str(caught.value) == (
+        f"{file}: parameters: lacks camber_stiffness, yaw_inertia, which are unknown: name the "
+        "FMU's variable of each"
+    )

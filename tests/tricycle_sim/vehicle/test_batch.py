@@ -208,7 +208,9 @@ def test_saturated_steering_is_reported_with_time_and_place():
     assert feasibility.steering_saturated.x[0] == pytest.approx(2.4, abs=0.2)
     assert feasibility.steering_saturated.value[0] == pytest.approx(0.48)
     assert not feasibility.feasible[0]
-    assert feasibility.reasons(0)[0].startswith("steering saturated at 3.00 s, x = 2.")
+    assert feasibility.reasons(0)[0].startswith(
+        "steering asked to turn faster than steering_slew, 2 rad/s, at 3.00 s, x = 2."
+    )
 
 
 def test_commands_beyond_the_end_stop_saturate_the_steering_there():
@@ -219,7 +221,9 @@ def test_commands_beyond_the_end_stop_saturate_the_steering_there():
     saturated = trajectory.feasibility.steering_saturated
     assert saturated.time[0] == pytest.approx(2.51)
     assert saturated.value[0] == pytest.approx(0.002)
-    assert trajectory.feasibility.reasons(0)[0].startswith("steering saturated at 2.51 s")
+    assert trajectory.feasibility.reasons(0)[0].startswith(
+        "steering asked to turn beyond steering_limit, 0.3 rad, at 2.51 s"
+    )
     up_to_it = Commands(time, np.minimum(angles, 0.3), np.minimum(time, 1.0))
     assert simulate(vehicle, up_to_it).feasibility.feasible[0]
 

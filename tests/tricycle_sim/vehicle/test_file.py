@@ -225,7 +225,9 @@ def test_a_wrong_structure_gets_one_line_with_the_place(tmp_path, change, messag
 
 def test_a_setting_of_the_boards_cannot_be_unknown(tmp_path):
     path = write(tmp_path / "v.yaml", unknown("steering_slew", 2.0, 1.0, 3.0))
-    with pytest.raises(VehicleError, match="steering_slew: cannot be unknown"):
+    with pytest.raises(
+        VehicleError, match="steering_slew: cannot be unknown: it is a setting of the boards"
+    ):
         load_vehicle(path)
 
 

@@ -19,6 +19,7 @@ MAX_BYTES = 1_000_000  # of an area file
 MAX_CORNERS = 2_000  # of all polygons together
 ARC = 16  # chords of a quarter of the arc by which a margin turns around a corner
 FARTHEST = 100_000.0  # from the frame's origin [m]: beyond it metres are degrees by mistake
+LARGE = 2_000.0  # width of an area [m] from which its corners may be mm
 
 Span = tuple[float, float]
 
@@ -121,6 +122,20 @@ class Area:
             raise PlanError(
                 f"start: {whole}{', '.join(limited)} is outside of keep_in or in a keep_out"
             )
+
+    @property
+    def extent(self) -> Span:
+        """Width of `keep_in` along x, and along y [m]."""
+        along_x, along_y = np.ptp(self.keep_in, axis=0).tolist()
+        return along_x, along_y
+
+    @property
+    def doubt(self) -> str:
+        """What is doubtful about an area that is very large; empty: nothing."""
+        if max(self.extent) <= LARGE:
+            return ""
+        along_x, along_y = self.extent
+        return f"keep_in: is {along_x:g} m x {along_y:g} m large; its corners are in m"
 
     def clearance(self, points: FloatArray) -> FloatArray:
         """Return the distance of points to what bounds the area [m], without the margin.

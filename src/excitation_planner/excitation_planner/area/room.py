@@ -11,7 +11,7 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.fence import START_POSITION_TOLERANCE
 from excitation_planner.area.placement import Placement, at_pose, best_placement, clearance_of
 from excitation_planner.area.tube import BEYOND, TOLERANCE, tube_of
-from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -65,11 +65,25 @@ class Room:
         Corners of the vehicle in its body frame [m].
     position_std : float
         Standard deviation of the localisation [m]; three of it are kept beside the margin.
+
+    Raises
+    ------
+    PlanError
+        If the vehicle itself does not fit the area.
     """
 
     area: Area
     footprint: FloatArray
     position_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        vehicle = np.ptp(self.footprint, axis=0)
+        if min(self.area.extent) < vehicle.min():  # whatever its heading
+            (along_x, along_y), (length, width) = self.area.extent, vehicle
+            raise PlanError(
+                f"keep_in: is {along_x:g} m x {along_y:g} m large, too small for the vehicle, "
+                f"{length:.2f} m x {width:.2f} m; its corners are in m"
+            )
 
     @property
     def needed(self) -> float:

@@ -446,9 +446,10 @@ def _judge(
     if share >= rivals[rival]:
         return Verdict.EXCITES, numbers
     most = max(float(e.main[target]) for e in history if not e.infeasible)
+    tried = "1 maneuver" if len(history) == 1 else f"{len(history)} maneuvers"
+    remedy = _larger_budget(problem) or ": choose another family for this parameter"
     return Verdict.CANNOT_EXCITE, (
-        f"{numbers}; in {len(history)} maneuvers of this family its main index reached "
-        f"{most:.3f} at most: choose another family for this parameter"
+        f"{numbers}; in {tried} of this family its main index reached {most:.3f} at most{remedy}"
     )
 
 

@@ -300,7 +300,9 @@ class _Collector:
         starts = {s.start_time for _, s in running}
         if not starts:
             why = "nothing was driven"
-            if not self.reader.complete:
+            if any(state.state is PlaybackState.RETURNING for _, state in states):
+                why = "it holds a way back to the start only, the drive did not follow"
+            elif not self.reader.complete:
                 why = f"the bag is {NOT_WHOLE}"
             raise JudgeError(f"{self.bag}: {self.state} holds no start event: {why}")
         if len(starts) > 1:

@@ -114,10 +114,14 @@ class Selection:
     left_out : mapping of str to int
         By reason, how many windows were left out of those that could begin on the grid, outside of
         those that are used.
+    run_in : float
+        Time before a window in which the model is driven too [s]: what is wrong there counts as in
+        the window.
     """
 
     drives: tuple[MeasuredDrive, ...]
     left_out: Mapping[str, int]
+    run_in: float = RUN_IN
 
     def __str__(self) -> str:
         reasons = (f"{number} {reason}" for reason, number in self.left_out.items())
@@ -384,12 +388,13 @@ def select_windows(
                     map_estimated=isinstance(steering, EstimatedMap),
                 )
             )
-    selection = Selection(tuple(drives), left_out)
+    selection = Selection(tuple(drives), left_out, lead * TICK)
     if not drives:
         raise IdentificationError(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
             f"the first pose or later, at more than {windows.above:g} m/s, without a gap or jump "
-            f"of the poses (left out: {selection}): choose a shorter length or a lower speed; or "
+            f"of the poses in it or in the time before (left out: {selection}): choose a shorter "
+            "length or a lower speed; or "
             f"{_question_of_units(recording, motion)}"
         )
     return selection

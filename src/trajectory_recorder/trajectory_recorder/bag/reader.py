@@ -193,7 +193,8 @@ def _open_storages(
         for file in files:
             yield McapFile(file, LocalFile(file), damaged, part=len(files) > 1)
     else:
-        inside = sorted(file.parent for file in path.glob("*/metadata.yaml"))
+        levels = ("*/metadata.yaml", "*/*/metadata.yaml")  # of a series, of a campaign
+        inside = [file.parent for level in levels for file in sorted(path.glob(level))]
         hint = f"; it holds bags, as {inside[0]}" if inside else ""
         raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file{hint}")
 

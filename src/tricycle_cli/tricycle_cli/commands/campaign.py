@@ -188,7 +188,7 @@ def run(args: argparse.Namespace) -> int:
     )
     campaign = Campaign(args.output, request)
     campaign.read_by(topics_of(args, campaign.topics))
-    warn_about(vehicle, args)
+    warn_about(vehicle, args, request.area)
     console = plain_console(stderr=True)
     if campaign.steps:
         console.print(_progress_of(campaign), soft_wrap=True)

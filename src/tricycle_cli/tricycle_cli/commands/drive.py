@@ -1,16 +1,22 @@
 """`tricycle drive`: drive a plan, on a simulation of its own or on nodes that run already."""
 
+from __future__ import annotations
+
 import argparse
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tricycle_cli.argument_types import at_least, namespace, real_time_factor
 from tricycle_cli.options import OF_SIMULATION, add_vehicle_option, refuse_given
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
-from tricycle_core.errors import BagError, InfeasibleManeuver, PlanError
+from tricycle_core.errors import BagError, InfeasibleManeuver, JudgeError, PlanError
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from excitation_planner.plan import Plan
 
 EXAMPLE = """\
 examples:
@@ -34,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "arm the vehicle first (service tricycle_bridge/arm), and keep the e-stop in hand. Ctrl-C "
         "aborts the maneuver: the vehicle stops, and the bag is closed. Of several drives "
         "(--repeat, --mirror) each has its bag in the folder --bag; on the vehicle each waits for "
-        "Enter. With --return the vehicle drives to the start of each by itself."
+        "Enter. After an interruption the same command drives those that are missing. With "
+        "--return the vehicle drives to the start of each by itself."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
@@ -88,7 +95,9 @@ def run(args: argparse.Namespace) -> int:
         refuse_given(args, ("plant", "true_seed", "real_time_factor"), OF_SIMULATION)
     if args.repeat < 1:
         raise PlanError(f"--repeat {args.repeat}: a plan is driven once or more often")
-    check_new(args.bag)
+    series = args.repeat > 1 or args.mirror
+    if not (series and args.bag.is_dir()):
+        check_new(args.bag)
     plant = OWN if args.plant is None else args.plant
     check_plant(plant)
     plan, vehicle = load_plan(args.plan), load_vehicle(args.vehicle)
@@ -109,8 +118,10 @@ def run(args: argparse.Namespace) -> int:
         for number in range(1, args.repeat + 1)
         for side, one in plans.items()
     ]
-    if len(drives) == 1:
+    if not series:
         drives = [(plan, args.bag)]
+    elif args.bag.exists():
+        drives = _not_yet_driven(drives, args.bag)
     back = args.bag.with_name(f"{args.bag.name}.way_back") if args.back else None
     if back is not None:
         check_new(back / drives[-1][1].name)
@@ -118,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
         running_session(
             None if args.other_vehicle else vehicle,
             args.namespace,
-            ask=len(drives) > 1,
+            ask=series,
             back=back,
         )
         if args.vehicle_nodes
@@ -139,6 +150,38 @@ def run(args: argparse.Namespace) -> int:
             judge = shlex.join(["tricycle", "judge", str(bag), *_pose_option(bag)])
             print(f"bag: {bag}   judge it: {judge}")
     return 0
+
+
+def _not_yet_driven(drives: list[tuple[Plan, Path]], folder: Path) -> list[tuple[Plan, Path]]:
+    """Drives of an interrupted series whose bags the folder does not hold yet.
+
+    Raises
+    ------
+    BagError
+        If the folder is not one of this series, holds all of it, or a bag of it that is not whole.
+    """
+    from parameter_identification.drives.reader import read_drive
+    from parameter_identification.drives.recorded import TopicNames
+    from trajectory_recorder.bag.writer import check_new
+
+    there = [(plan, bag) for plan, bag in drives if bag.exists()]
+    if len(there) in (0, len(drives)):
+        check_new(folder)
+    for plan, bag in there:
+        pose = _pose_option(bag)
+        topics = TopicNames(pose=pose[1]) if pose else None
+        again = "move it away, and the same command drives it again, and those that are missing"
+        try:
+            found = read_drive(bag, topics=topics, sensors=False)
+        except (BagError, JudgeError) as error:
+            raise BagError(f"{error}; {again}") from error
+        if found.plan_id != plan.id:
+            raise BagError(f"{bag} is a drive of plan {found.plan_id}, not of {plan.id}: {again}")
+        if not found.complete:
+            raise BagError(f"{bag}: the drive is not whole: {again}")
+    names = ", ".join(bag.name for _, bag in there)
+    print(f"{folder} holds the drives {names}: going on with those that are missing")
+    return [(plan, bag) for plan, bag in drives if not bag.exists()]
 
 
 def _pose_option(bag: Path) -> list[str]:

@@ -228,7 +228,7 @@ def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]
             raise PlanError("--at plans one maneuver: give one --maneuver, and no --maneuvers")
         x = operation_point(request.family, parse_assignments(args.at))
     check_folder(args.output)
-    warn_about(request.vehicle, args)
+    warn_about(request.vehicle, args, request.area)
     if x is not None:
         return {args.output / "plan.json": plan_at(request, x)}
     # half a second of imports, while the compiled vehicle leaves the interpreter to others
@@ -276,9 +276,13 @@ def _summary(plan: Plan) -> str:
     room = f"needs {along:.1f} m x {across:.1f} m, and up to {stop:.1f} m more to stop"
     if plan.area is not None and plan.start_pose is not None:
         x, y, heading = plan.start_pose
+        origin = ""
+        if plan.area.datum is not None:
+            latitude, longitude = plan.area.datum
+            origin = f", its origin at latitude {latitude:.10g}°, longitude {longitude:.10g}°"
         room = (
             f"starts at x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading):.1f}° "
-            f"in {plan.area.frame}; {plan.clearance:.2f} m to the border are left, "
+            f"in {plan.area.frame}{origin}; {plan.clearance:.2f} m to the border are left, "
             "wherever and by whatever it is stopped"
         )
     box = ", ".join([shown_ranges(plan.ranges), *at_limit])

@@ -11,7 +11,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.fmi.cosimulation import Fmu
-from tricycle_sim.fmi.mapping import START, load_mapping
+from tricycle_sim.fmi.mapping import START, FmuMapping, load_mapping
 from tricycle_sim.setpoints import command_rows, delayed, slew_all
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import Run
@@ -89,18 +89,8 @@ class FmuBatch:
     def __init__(
         self, file: Path, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0
     ) -> None:
-        mapping = load_mapping(file)
+        mapping = _checked_mapping(file, vehicle)
         self._steps = mapping.steps_per_tick(file, "a simulation", ("steering", "speed"))
-        known = {*vehicle.values, *START}
-        for name in mapping.parameters:
-            if name not in known:
-                raise PlantError(
-                    f"{file}: parameters.{name}: {vehicle.name} has no such constant; "
-                    f"{hint(name, known)}"
-                )
-        for name in vehicle.unknown:
-            if name not in mapping.parameters:
-                raise PlantError(f"{file}: parameters: lacks {name}, which is unknown")
         units = {n: START.get(n) or vehicle.unit(n) for n in mapping.parameters}
         self._vehicle, self._mapping, self._file = vehicle, mapping, file
         self._fmu = Fmu(mapping, units)
@@ -227,6 +217,11 @@ class FmuFunction:
     output : callable
         Function from the columns (`COLUMNS`, each (n, t)) and the operation parameters to outputs
         (n,).
+
+    Raises
+    ------
+    PlantError
+        If the mapping names a constant that the vehicle lacks, or lacks an unknown parameter.
     """
 
     def __init__(
@@ -236,6 +231,7 @@ class FmuFunction:
         commands: Callable[[FloatArray], Commands],
         output: Callable[[dict[str, FloatArray], FloatArray], FloatArray],
     ) -> None:
+        _checked_mapping(file, vehicle)  # before the planner starts, not at its first maneuver
         self._simulator, self._vehicle = FmuSimulator(file), vehicle
         self._commands, self._output = commands, output
 
@@ -258,3 +254,23 @@ class FmuFunction:
                 continue
             (outputs[i],) = self._output(columns, x)
         return outputs
+
+
+def _checked_mapping(file: Path, vehicle: Vehicle) -> FmuMapping:
+    """The mapping of a file, whose parameters are the vehicle's and hold all unknown ones."""
+    mapping = load_mapping(file)
+    known = {*vehicle.values, *START}
+    for name in mapping.parameters:
+        if name not in known:
+            raise PlantError(
+                f"{file}: parameters.{name}: {vehicle.name} has no such constant; "
+                f"{hint(name, known)}"
+            )
+    lacking = [name for name in vehicle.unknown if name not in mapping.parameters]
+    if lacking:
+        verb = "is" if len(lacking) == 1 else "are"
+        raise PlantError(
+            f"{file}: parameters: lacks {', '.join(lacking)}, which {verb} unknown: name the "
+            "FMU's variable of each"
+        )
+    return mapping

@@ -24,7 +24,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, delayed, slew_all
 from tricycle_sim.vehicle.body import BODY
 from tricycle_sim.vehicle.constants import Vehicle
-from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
+from tricycle_sim.vehicle.feasibility import SATURATED, Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack, sample_values
 from tricycle_sim.vehicle.kernel import COMMAND, functions_for
 from tricycle_sim.vehicle.layout import (
@@ -169,7 +169,7 @@ def simulate(
         time=batch.time,
         **columns | out,
         steering_motor_angle=angles,
-        feasibility=read_feasibility(groups, len(samples), vehicle.wheels),
+        feasibility=read_feasibility(groups, len(samples), vehicle.wheels, batch.saturation),
     )
 
 
@@ -231,18 +231,21 @@ class Run:
         Groups of the vehicles at the end.
     wheels : tuple of Wheel
         Wheels of the vehicle, in its order.
+    saturation : str
+        What a saturation of the steering is, in words.
     """
 
     columns: dict[str, FloatArray]
     steering_motor_angle: FloatArray
     groups: FloatArray
     wheels: tuple[Wheel, ...]
+    saturation: str = SATURATED
 
     @property
     def feasibility(self) -> Feasibility:
         """Wheel loads, saturations and roll-over of each sample."""
         samples = len(next(iter(self.columns.values())))
-        return read_feasibility(self.groups, samples, self.wheels)
+        return read_feasibility(self.groups, samples, self.wheels, self.saturation)
 
 
 class CommandedBatch:
@@ -263,6 +266,8 @@ class CommandedBatch:
         Times of all columns [s].
     steering_motor_angle : ndarray of float, shape (t,)
         Steering motor angle of the nominal vehicle [rad].
+    saturation : str
+        What the first saturation of the steering is, in words, if there is one.
     available : dict
         Every column that can be recorded, by name: the rows that it needs, and how it is computed.
 
@@ -284,6 +289,11 @@ class CommandedBatch:
         beyond = np.abs(setpoints) - vehicle.steering_limit
         beyond[beyond < ANGLE_UNIT] = 0.0  # a board cannot tell it from the end stop
         self._lag = np.append(np.maximum(lag, beyond), 0.0)
+        self.saturation = (
+            f"steering asked to turn faster than steering_slew, {vehicle.steering_slew:g} rad/s,"
+            if np.append(lag, 0.0)[np.argmax(self._lag > 0.0)] > 0.0
+            else f"steering asked to turn beyond steering_limit, {vehicle.steering_limit:g} rad,"
+        )
         speeds, _ = slew_all(commands.speed[rows], vehicle.acceleration, setpoint)
         self._drive = np.zeros((ticks + 1, len(COMMAND)))
         self._drive[:, COMMAND.speed_mode] = 1.0
@@ -400,7 +410,7 @@ class CommandedBatch:
             for name, need in needs.items()
         }
         angles = np.broadcast_to(angles, (len(parameters), angles.shape[-1]))
-        return Run(computed, angles, groups, self._vehicle.wheels)
+        return Run(computed, angles, groups, self._vehicle.wheels, self.saturation)
 
     def _own_commands(
         self,

@@ -97,7 +97,11 @@ class Vehicle:
             entries[name].check(name, value)
         for name, (low, high) in self.unknown.items():
             if entries[name].setting:
-                raise VehicleError(f"{name}: cannot be unknown: the motion does not depend on it")
+                raise VehicleError(
+                    f"{name}: cannot be unknown: it is a setting of the boards or of plans, or of "
+                    "the supply, and set-points move the vehicle in the same way whatever it is; "
+                    "give it a value"
+                )
             for value in (low, high):
                 entries[name].check(f"{name}.range", value)
             if not low < high:

@@ -12,6 +12,9 @@ from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.layout import EVENT, EVENT_ROWS, LANES
 from tricycle_sim.vehicle.wheels import Wheel
 
+SATURATED = "steering saturated"
+"""Words for a saturation of the steering of which nothing more is known."""
+
 
 @dataclass(frozen=True)
 class Event:
@@ -42,6 +45,7 @@ class Feasibility:
     steering_saturated: Event
     motor_saturated: Event  # first time the motor could not give the torque, what was missing [N m]
     rolled_over: Event  # the vehicle is at rest where it is from then on
+    saturation: str = SATURATED  # what `steering_saturated` is, in words
 
     @property
     def wheel_lifted(self) -> NDArray[np.bool_]:
@@ -60,7 +64,7 @@ class Feasibility:
     def reasons(self, sample: int) -> tuple[str, ...]:
         """Return why a sample is infeasible, a line each with time and place."""
         reasons = [
-            ("steering saturated", self.steering_saturated),
+            (self.saturation, self.steering_saturated),
             *(
                 (f"{name} wheel lifted", _where_lifted(event))
                 for name, event in self.least_load.items()
@@ -75,7 +79,9 @@ class Feasibility:
         )
 
 
-def read_feasibility(groups: FloatArray, n: int, wheels: Sequence[Wheel]) -> Feasibility:
+def read_feasibility(
+    groups: FloatArray, n: int, wheels: Sequence[Wheel], saturation: str = SATURATED
+) -> Feasibility:
     """Return the limits that vehicles reached, as recorded in their groups.
 
     Parameters
@@ -86,6 +92,8 @@ def read_feasibility(groups: FloatArray, n: int, wheels: Sequence[Wheel]) -> Fea
         Number of samples.
     wheels : sequence of Wheel
         Wheels of the vehicle, in its order.
+    saturation : str
+        What a saturation of the steering is, in words.
     """
     rows = groups.reshape(len(groups), -1, LANES)
 
@@ -108,6 +116,7 @@ def read_feasibility(groups: FloatArray, n: int, wheels: Sequence[Wheel]) -> Fea
         steering_saturated=event(EVENT.steering),
         motor_saturated=event(EVENT.motor),
         rolled_over=event(EVENT.rollover),
+        saturation=saturation,
     )
 
 

@@ -219,5 +219,6 @@ def _block(batch: CommandedBatch, run: Run, first: int, last: int) -> PlanarBloc
     """Return the paths of some samples, `first` a multiple of `LANES`."""
     columns = {name: column[first:last] for name, column in run.columns.items()}
     groups = run.groups[first // LANES : -(-last // LANES)]
-    part = Run(columns, run.steering_motor_angle[first:last], groups, run.wheels)
+    angles = run.steering_motor_angle[first:last]
+    part = Run(columns, angles, groups, run.wheels, run.saturation)
     return PlanarBlock(batch.time, **columns, feasibility=part.feasibility)
