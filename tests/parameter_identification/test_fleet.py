@@ -100,6 +100,7 @@ def test_a_vehicle_beyond_a_range_is_named_and_compared_in_nothing(tmp_path):
         assert "trike_5" not in [m.vehicle for m in found.members]
 
 
+@pytest.mark.slow
 def test_paths_that_are_no_bags_are_told_as_such(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for v in range(4):
@@ -167,6 +168,7 @@ def test_a_parameter_changes_in_each_vehicle_at_its_own_rate(tmp_path):
     assert np.all(np.abs(other.values - TRUTH[3]) < 4.0 * other.deviations)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("days", [[0, 0, 0, 0], [0, 30, 60, 90]], ids=["none", "of vehicles"])
 def test_times_that_differ_in_no_vehicle_show_no_change(tmp_path, days):
     bags = {

@@ -218,6 +218,7 @@ def test_a_kept_drive_that_was_damaged_is_read_again(bags, tmp_path):
         load_kept(file)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_no_bad_bag(bags, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")

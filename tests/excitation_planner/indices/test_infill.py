@@ -51,6 +51,7 @@ def test_points_of_a_batch_keep_apart_and_away_from_failures(model, by):
     assert np.linalg.norm(elsewhere - first) > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", Infill)
 def test_points_of_a_large_batch_differ(model, by):
     points = infill_points(model, by=by, batch=1100, polish=False)

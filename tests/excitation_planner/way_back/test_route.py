@@ -67,6 +67,7 @@ BESIDE_THE_BORDER = 23.6, 3.2, math.radians(-90.0)
 """Out of here the vehicle has to turn in several moves."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [(4.0, 7.5, 2.2), BESIDE_THE_BORDER])
 @pytest.mark.parametrize("goal", [CORNER, (9.0, 6.5, 1.5)])
 def test_out_of_a_corner_and_into_one(start, goal):

@@ -18,6 +18,7 @@ from trajectory_recorder.bag.topics import jazzy
 from tricycle_core.errors import IdentificationError, JudgeError
 from tricycle_core.stamps import SECOND
 
+pytestmark = pytest.mark.slow  # every test writes a whole drive
 ALL = {sensor: SensorNoise(1e-3, rate=50.0) for sensor in Sensor}
 
 

@@ -32,6 +32,7 @@ def test_noise_that_is_left_is_the_integral_of_the_gain() -> None:
     assert squared == pytest.approx(SLOPE, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_more_noise_is_smoothed_more() -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal((len(TIME), 1))

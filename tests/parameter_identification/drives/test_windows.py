@@ -137,6 +137,7 @@ def test_windows_have_the_sensors_that_the_table_has(tmp_path: Path) -> None:
         read_windows(path, VEHICLE, other)
 
 
+@pytest.mark.slow
 def test_the_servo_of_the_model_has_the_steering_angle_that_was_measured(tmp_path: Path) -> None:
     time = np.arange(0.0, 12.0, 0.02)
     commands = Commands(time, 0.3 * np.sign(np.sin(0.9 * time)), np.minimum(1.5, time))
@@ -263,6 +264,7 @@ def test_a_motor_without_speed_loop_needs_its_set_points(
         read_windows(table(tmp_path / "drive.csv"), without_speed_loop, columns)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
     recording = read_recording(table(tmp_path / "drive.csv"), columns)
     assert not isinstance(columns.steering_map, str)
@@ -285,6 +287,7 @@ def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
         estimate_map(small, VEHICLE)
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_counted_by_its_reason(
     tmp_path: Path, columns: Columns, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -535,6 +538,7 @@ def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> N
         read_windows(path, VEHICLE, mapping)
 
 
+@pytest.mark.slow
 def test_commands_begin_at_the_tick_of_a_start_that_round_off_took_beyond_it(
     tmp_path: Path,
 ) -> None:

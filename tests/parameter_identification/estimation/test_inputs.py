@@ -64,6 +64,7 @@ def test_a_noisy_angle_is_no_other_servo():
     assert servo_misfit(drive.commands, noisy, VEHICLE) < 1.2
 
 
+@pytest.mark.slow
 def test_a_servo_of_another_kind_is_told_where_all_drives_tell_the_angle(worlds):
     drives = drives_in(worlds, "servo of another kind")
     assert measured_inputs(drives, VEHICLE, Inputs.EITHER) == {Input.STEERING}
@@ -84,6 +85,7 @@ def test_a_servo_of_another_kind_is_told_where_all_drives_tell_the_angle(worlds)
         measured_inputs([drives[0], blind], VEHICLE, Inputs.MEASURED)
 
 
+@pytest.mark.slow
 def test_a_speed_loop_of_another_kind_is_told_by_the_wheels(worlds):
     alike, other = (drives_in(worlds, name) for name in ("nothing", "speed loop of another kind"))
     assert max(speed_misfits(alike, VEHICLE, LOADING)) < 1.5
@@ -91,6 +93,7 @@ def test_a_speed_loop_of_another_kind_is_told_by_the_wheels(worlds):
     assert measured_inputs(other, VEHICLE, Inputs.EITHER) == {Input.SPEED}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 6])
 def test_a_lag_is_not_taken_for_tyres_far_from_the_file(worlds, seed):
     drives = worlds.drives_in(
@@ -150,6 +153,7 @@ def test_the_wheels_turn_as_fast_as_measured(worlds, name, monkeypatch):
         assert np.abs(np.cumsum(off)).max() * 0.05 < 0.0004
 
 
+@pytest.mark.slow
 def test_the_steering_goes_where_it_was_measured():
     start = StartPose(0.0, 0.0, 0.0)
     drive = driven(commands_of_pair()["lane"], noise=0.0, steering_step=1e-6, start=start)
@@ -164,6 +168,7 @@ def test_the_steering_goes_where_it_was_measured():
     assert np.abs(expected - drive.signals[Sensor.POSITION].values).max() > 0.5
 
 
+@pytest.mark.slow
 def test_derivatives_by_what_is_unknown_of_the_angle():
     drive = driven(commands_of_pair()["lane"], noise=0.0, others=SENSORS, steering_step=STEP)
     model = DriveModel(VEHICLE, drive, measured=[Input.STEERING])
@@ -210,6 +215,7 @@ def test_intervals_hold_behind_a_speed_loop_of_another_kind(worlds):
         assert e.identifiable
 
 
+@pytest.mark.slow
 def test_drives_one_by_one_turn_their_wheels_as_measured_too(worlds):
     drives = drives_in(worlds, "speed loop of another kind")
     effects = effects_of(VEHICLE, ["speed-loop", "wheel-radius"])
