@@ -331,8 +331,8 @@ def descend(
             if decrease < TOLERANCE:
                 if lengths[i] < 1.0 and searches[i].trial(1.0)[1] > UNEXPLAINED:
                     raise IdentificationError(
-                        f"{names[i] + ': ' if names else ''}no minimum found: the cost falls "
-                        "nowhere near, although its slope says so"
+                        f"{names[i] + ': ' if names else ''}no minimum found: no step lowers the "
+                        "cost, although its slope says so"
                     )
                 for fit, point in zip(searches[i].fits, points, strict=True):
                     fit.at = point

@@ -348,7 +348,9 @@ def _with_names(message: str, values: Any, fault_of: Callable[[object], str]) ->
         key = int(index) if index.isdecimal() else name
         if index == "...":
             entries = functools.reduce(operator.getitem, keys, values)
-            key = next(k for k in entries if fault_of(_with_only(k, keys, values)) == message)
+            alone = (k for k in entries if fault_of(_with_only(k, keys, values)) == message)
+            if (key := next(alone, None)) is None:
+                break
             named = named.replace("[...]", f".{key}", 1)
         keys.append(key)
     return named
