@@ -12,7 +12,6 @@ import logging
 import re
 import signal
 import sys
-import threading
 from collections.abc import Callable
 from functools import partial
 from importlib.resources import files
@@ -52,7 +51,9 @@ RECORDED = QoSProfile(depth=1000)
 For 10 s at 100 Hz, or for a second of a simulation at ten times real time.
 """
 
-_ENDING = threading.Event()  # the process was told to end
+_ENDING: list[int] = []  # signals that told the process to end
+# an event would do but for its lock: a second signal while the first one's handler holds it
+# would wait for itself, for ever
 
 _MISTAKES = (
     ValueError,
@@ -246,7 +247,7 @@ def _told(mistake: Exception) -> str:
 
 def ending() -> bool:
     """Return whether the process was told to end: what waits elsewhere than the executor asks."""
-    return _ENDING.is_set()
+    return bool(_ENDING)
 
 
 def run_node(factory: Callable[[], Node]) -> None:
@@ -269,8 +270,8 @@ def run_node(factory: Callable[[], Node]) -> None:
         return
     _ENDING.clear()
 
-    def stop(_signal: int, _frame: FrameType | None) -> None:
-        _ENDING.set()
+    def stop(number: int, _frame: FrameType | None) -> None:
+        _ENDING.append(number)
 
     # rclpy's own handlers sometimes print a traceback
     ends = ending_signals()
@@ -295,7 +296,7 @@ def run_node(factory: Callable[[], Node]) -> None:
             rclpy.logging.get_logger(name).fatal(_told(mistake))
             raise SystemExit(2) from None
         executor.add_node(node)
-        while not _ENDING.is_set():
+        while not _ENDING:
             executor.spin_once(timeout_sec=0.1)
     finally:
         if executor is not None:
