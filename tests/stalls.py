@@ -11,6 +11,7 @@ although nothing is wrong.
 """
 
 import atexit
+import gc
 import os
 import subprocess
 import sys
@@ -119,6 +120,9 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     for run in range(RUNS):
         if run:
             _watch.wait_for_quiet()
+        # a collection through all modules and tests would hold up the boards in this process
+        gc.collect()
+        gc.freeze()
         _watch.longest()
         with _pauses_not_counted(item):
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
