@@ -127,7 +127,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         with _pauses_not_counted(item):
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
         failed = [report for report in reports if report.failed]
-        if not failed or (pause := _watch.longest()) < PAUSE:
+        # no pause excuses what is found after a test: processes that have not ended
+        if not failed or failed[-1].when == "teardown" or (pause := _watch.longest()) < PAUSE:
             break
         item.user_properties.append((_AGAIN, pause))
     else:

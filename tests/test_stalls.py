@@ -62,6 +62,16 @@ def test_failed_without_a_pause(plc_pair):
     hold()
     raise AssertionError("a race, or a call that keeps the interpreter for itself")
 
+@pytest.fixture
+def left_behind():
+    yield
+    raise AssertionError("a process has not ended")
+
+def test_leaves_something(plc_pair, left_behind):
+    runs("left_something")
+    pause()
+    raise AssertionError("which explains why")
+
 def test_passed_with_a_pause(plc_pair):
     runs("passed")
     pause()
@@ -97,11 +107,11 @@ def test_only_a_failure_after_a_pause_in_real_time_is_run_again(tmp_path):
         capture_output=True,
         text=True,
     )  # fmt: skip
-    assert "2 failed, 4 passed, 1 skipped" in done.stdout, done.stdout + done.stderr
+    assert "3 failed, 4 passed, 1 skipped, 1 error" in done.stdout, done.stdout + done.stderr
     runs = {p.name: len(p.read_text()) for p in tmp_path.iterdir() if not p.suffix and p.is_file()}
     assert runs == {
         "paused_once": 2, "paused_always": 4, "no_pause": 1, "passed": 1, "no_real_time": 1,
-        "own_clock": 1, "others_clock": 1,
+        "own_clock": 1, "others_clock": 1, "left_something": 1,
     }  # fmt: skip
     again = [line for line in done.stdout.splitlines() if line.startswith("run again")]
     assert len(again) == 4

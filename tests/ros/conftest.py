@@ -2,12 +2,14 @@
 
 import itertools
 import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import rclpy
+from node_processes import node_processes
 from rclpy.context import Context
 from rclpy.node import Node
 
@@ -16,6 +18,7 @@ from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.vehicle import load_vehicle
 
 QUIET = 0.1  # s
+PATIENCE = 30.0  # s for nodes to end after their test
 # processes that share the tests count on from one process's domain in turns, so that two of them
 # never have the same one
 _processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
@@ -30,15 +33,25 @@ def _compiled_vehicle_model() -> None:
 
 
 @pytest.fixture
-def ros_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """Environment for processes that run nodes, set in this process too."""
+def ros_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, str]]:
+    """Environment for processes that run nodes, set in this process too.
+
+    None of them may outlive the test.
+    """
     # a command in a test of another worker may have chosen one of these for itself
     domains = (processes.own_domain(test, _pid) for test in _tests)
     domain = next(domain for domain in domains if not processes.participants(domain))
     env = processes.ros_environment(domain=domain, log_dir=tmp_path / "ros_log")
     for name, value in env.items():
         monkeypatch.setenv(name, value)
-    return env
+    yield env
+    deadline = time.monotonic() + PATIENCE
+    while left := node_processes(tmp_path):
+        if time.monotonic() > deadline:
+            for process in left:
+                os.kill(process, signal.SIGKILL)
+            pytest.fail(f"processes have outlived the test: {left}")
+        time.sleep(0.05)
 
 
 def _wait_for_quiet(node: Node) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from node_processes import node_processes
 from rosbags.highlevel import AnyReader
 
 from excitation_planner.design.information import (
@@ -105,7 +106,7 @@ def test_a_recorder_that_is_held_up_misses_nothing_of_its_pause(ros_environment,
 
     def hold_up(elapsed, _duration):  # from 1 to 4 s
         if elapsed > 1000 and not held:
-            held.extend(_processes_of(tmp_path, "trajectory_recorder"))
+            held.extend(node_processes(tmp_path, "trajectory_recorder"))
             os.kill(held[0], signal.SIGSTOP)
         elif elapsed > 4000:
             os.kill(held[0], signal.SIGCONT)
@@ -181,13 +182,13 @@ def test_an_interrupted_drive_leaves_a_readable_bag_and_no_process(
     _, errors = process.communicate(timeout=30)
     assert "Traceback" not in errors
     if end == signal.SIGKILL:  # the nodes hear of it from the kernel
-        while _processes_of(tmp_path):
-            assert time.monotonic() < deadline, _processes_of(tmp_path)
+        while node_processes(tmp_path):
+            assert time.monotonic() < deadline, node_processes(tmp_path)
             time.sleep(0.05)
     else:
         assert process.returncode == 130
         assert errors.rstrip().endswith("tricycle: interrupted")
-    assert _processes_of(tmp_path) == []
+    assert node_processes(tmp_path) == []
     with AnyReader([tmp_path / "bag"]) as reader:
         assert sum(1 for _ in reader.messages()) > 0
 
@@ -217,16 +218,3 @@ def _stamps(reader, topic):
         for connection, _, raw in reader.messages(connections)
     ]
     return [stamp.sec * 100 + stamp.nanosec // 10_000_000 for stamp in stamps]
-
-
-def _processes_of(folder, name=""):
-    """Numbers of the nodes of a name that log in a folder."""
-    found = []
-    for process in Path("/proc").iterdir():
-        try:
-            where, what = ((process / file).read_text() for file in ("environ", "cmdline"))
-        except OSError:  # no process, or one that has ended
-            continue
-        if f"{folder}/" in where and name in what:
-            found.append(int(process.name))
-    return found
