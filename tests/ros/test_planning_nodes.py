@@ -182,6 +182,26 @@ def test_planner_refuses_parameters_that_no_plan_can_be_made_of(observer, start)
     assert change("target", "yaw_inertia") == (True, "")
 
 
+def test_the_planner_warns_of_files_that_it_takes_but_doubts(observer, start, tmp_path):
+    text = (resources.files("tricycle_sim") / "tricycle.yaml").read_text()
+    (tmp_path / "long.yaml").write_text(
+        text.replace("pitch_inertia: {value: 36.7", "pitch_inertia: {value: 367")
+    )
+    (tmp_path / "yard.yaml").write_text("keep_in: [[0, 0], [12000, 0], [12000, 25000], [0, 25000]]")
+    said = []
+    observer.node.create_subscription(Log, "/rosout", lambda log: said.append(log.msg), 10)
+    start("excitation_planner", vehicle_file="long.yaml", area_file="yard.yaml")
+    observer.wait(lambda: observer.node.count_publishers("/rosout") > 1, "the node's log")
+    answer = observer.call("excitation_planner/plan")
+    assert answer.success, answer.message
+    for text in (
+        "yard.yaml: keep_in: is 12000 m x 25000 m large; its corners are in m",
+        "long.yaml: pitch_inertia: 367 kg m^2 is larger than the sum of the other two",
+    ):
+        observer.wait(lambda text=text: any(line.startswith(text) for line in said), text)
+    observer.call("excitation_planner/cancel")
+
+
 def test_a_vehicle_and_its_plan_are_set_at_once_and_the_plan_is_published(
     observer, start, tmp_path
 ):

@@ -35,7 +35,7 @@ from tricycle_core.diagnostics import Level
 from tricycle_core.errors import DesignError, PlanError, VehicleError, message_of
 from tricycle_core.nodes import declare, overridable, run_node
 from tricycle_sim.effects import named_effects
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
 
 POLL = 0.2  # s between polls of the planning process
 DIAGNOSTICS_PERIOD = 1.0  # s
@@ -179,6 +179,16 @@ class ExcitationPlanner(Node):
             return SetParametersResult(successful=False, reason=message_of(error))
         return SetParametersResult(successful=True)
 
+    def _warn_about(self, request: PlanRequest) -> None:
+        """Log what is doubtful about files that were given."""
+        warnings = []
+        if file := self.get_parameter("vehicle_file").value:
+            warnings += [f"{file}: {warning}" for warning in warnings_about(request.vehicle)]
+        if request.area is not None and request.area.doubt:
+            warnings.append(f"{self.get_parameter('area_file').value}: {request.area.doubt}")
+        for warning in warnings:
+            self.get_logger().warning(warning)
+
     def _settings(self) -> Settings:
         return {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
 
@@ -193,10 +203,11 @@ class ExcitationPlanner(Node):
             return response
         settings = self._settings()
         try:
-            _request(settings)
+            request = _request(settings)
         except (DesignError, PlanError, VehicleError, OSError) as error:
             response.message = message_of(error)
             return response
+        self._warn_about(request)
         self._connection, theirs = SPAWN.Pipe(duplex=False)
         self._planned = self._file.absolute()
         self._process = SPAWN.Process(
