@@ -38,7 +38,7 @@ ARC_SPACING = 0.25
 MAX_ARCS = 16
 """Largest number of these arcs, whatever the distance of their ends."""
 
-BLOCK = 4
+BLOCK = 8
 """Poses on each arc that are checked together, the nearest ones first."""
 
 
@@ -162,8 +162,10 @@ class Fence:
         lines = shapely.multilinestrings(border)
         shapely.prepare(lines)
         for first in range(0, points, BLOCK):
-            footprints = shapely.polygons(corners[:, first : first + BLOCK])
-            out = shapely.intersects(lines, footprints).any(axis=0)
+            block = corners[:, first : first + BLOCK]
+            boxes = shapely.box(*block.min(axis=(1, 2)).T, *block.max(axis=(1, 2)).T)
+            block = block[shapely.intersects(lines, boxes)]  # few of the arcs
+            out = shapely.intersects(lines, shapely.polygons(block)).any(axis=0)
             if out.any():
                 ahead = float(ways[first + int(np.argmax(out))])
                 if ahead == 0.0:
