@@ -2,6 +2,7 @@
 
     python benchmarks/hot_paths.py                      # this tree
     python benchmarks/hot_paths.py --other ../before    # in turn with another checkout, as ratios
+    python benchmarks/hot_paths.py --fence              # the driver's fence, as part of a tick
 
 The other checkout needs this file and the same environment.
 """
@@ -13,6 +14,7 @@ import statistics
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 ROUNDS = 10
@@ -66,6 +68,49 @@ def codec() -> float:
     return best_of(work, 5) / 2000
 
 
+def fence() -> None:
+    """Print the fence's longest ticks at 4 m/s, past keep_outs and up to the border."""
+    import math
+
+    import numpy as np
+
+    from excitation_planner.area.area import MAX_CORNERS, Area
+    from excitation_planner.area.fence import Fence
+    from excitation_planner.localisation import PlanarState
+    from tricycle_core.timing import TICK
+
+    def ring(x, y, radius, corners):
+        turn = 2 * np.pi * (np.arange(corners) + 0.5) / corners
+        return np.stack([x + radius * np.cos(turn), y + radius * np.sin(turn)], axis=-1)
+
+    def posts(number, corners):
+        """On the right of the way, on 80 m x 40 m."""
+        columns = math.ceil(math.sqrt(2 * number))
+        rows, columns_of = np.divmod(np.arange(number), columns)
+        x, y = 80 * ((columns_of + 0.5) / columns - 0.5), 2 - 80 * rows / columns
+        return tuple(ring(*middle, 0.2, corners) for middle in zip(x, y, strict=True))
+
+    square = ring(0, 0, 57, 4)
+    footprint = np.array([[1.2, 0.5], [-1.1, 0.5], [-1.1, -0.5], [1.2, -0.5]])
+    print("longest time of the fence / tick     before it trips   as it trips")
+    for name, keep_in, keep_out in (
+        ("square", square, ()),
+        *((f"square, {n} rectangles", square, posts(n, 4)) for n in (3, 10, 20)),
+        (f"{MAX_CORNERS} corners", ring(0, 0, 45, MAX_CORNERS), ()),
+        (f"square, {MAX_CORNERS // 3 - 2} triangles", square, posts(MAX_CORNERS // 3 - 2, 3)),
+    ):
+        ground = Area(keep_in, keep_out).within(Area.margin)
+        guard = Fence("odom", ground, footprint, np.zeros(2), (0.0, 0.0, 0.0))
+        times = []
+        for x in np.arange(-15.0, 45.0, 0.2):
+            state = PlanarState(x, 6.0, 0.0, 4.0, frame="odom")
+            ask = partial(guard.trespass, state, age=0.02, curvature=0.15, push=1.0)
+            times.append(best_of(ask, 3) / TICK)
+            if ask():
+                break
+        print(f"{name:<35}{max(times[:-1]):>17.2f}{times[-1]:>14.2f}")
+
+
 def best_of(work, repeats: int) -> float:
     """Shortest of some calls, after one that does not count [s]."""
     work()
@@ -93,7 +138,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--other", type=Path, help="root of another checkout")
     parser.add_argument("--measure", action="store_true", help="print one measurement as JSON")
+    parser.add_argument("--fence", action="store_true", help="print the fence's times instead")
     args = parser.parse_args()
+    if args.fence:
+        fence()
+        return
     if args.measure:
         print(json.dumps({f.__name__: f() for f in (vehicle_step, kriging, codec)}))
         return

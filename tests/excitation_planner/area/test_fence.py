@@ -5,16 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from excitation_planner.area.area import Area, StartRegion
-from excitation_planner.area.fence import Fence
-from excitation_planner.area.polygons import rings_of
+from excitation_planner.area.area import MAX_CORNERS, Area, StartRegion
+from excitation_planner.area.fence import ARC_SPACING, MAX_ARCS, SPACING, Fence
+from excitation_planner.area.polygons import contains, placed, rings_of, seen_from
 from excitation_planner.area.room import Room
+from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.area.tube import crawl_curvature, footprint_of, tube_of
 from excitation_planner.localisation import PlanarState, PoseWatch
 from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.localisation import PoseNoise
@@ -82,6 +87,87 @@ def test_an_obstacle_smaller_than_the_footprint_is_seen() -> None:
     )
     assert said(at(4.0, 10.0), around) == ""
     assert "would come" in said(at(4.0, 10.0, speed=1.0), around)
+
+
+def test_a_wall_that_only_sides_cross_is_seen() -> None:
+    wall = np.array([[4.0, 9.99], [8.0, 9.99], [8.0, 10.01], [4.0, 10.01]])
+    around = Fence("odom", Area(YARD, (wall,)).within(0.0), FOOTPRINT, np.zeros(2), (0,) * 3)
+    assert said(at(6.0, 10.0, math.pi / 2), around)
+    assert said(at(6.0, 11.1, math.pi / 2), around) == ""
+
+
+def test_a_vehicle_is_as_far_out_as_its_corners_are_or_those_in_it() -> None:
+    def depth(x: float, *posts: FloatArray) -> str:
+        around = Fence("odom", Area(YARD, posts).within(0.0), FOOTPRINT, np.zeros(2), (0,) * 3)
+        return said(at(x, 10.0), around).split(" m ")[0]
+
+    assert depth(11.5) == "fence: 0.50"
+    assert depth(20.0) == "fence: 9.00"
+    post = np.array([[6.7, 9.9], [6.9, 9.9], [6.9, 10.1], [6.7, 10.1]])
+    assert depth(6.0, post) == "fence: 0.30"
+
+
+def test_a_footprint_that_crosses_itself_is_refused() -> None:
+    with pytest.raises(PlanError, match="footprint: crosses itself"):
+        Fence("odom", (YARD,), FOOTPRINT[[0, 2, 1, 3]], np.zeros(2), (0,) * 3)
+
+
+def _star(rng: np.random.Generator, x: float, y: float, reach: float, corners: int) -> FloatArray:
+    turn = math.tau * (np.arange(corners) + rng.uniform(0.1, 0.9, corners)) / corners
+    radii = reach * rng.uniform(0.4, 1.0, (corners, 1))
+    return radii * np.stack([np.cos(turn), np.sin(turn)], axis=-1) + [x, y]
+
+
+@settings(max_examples=300)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    speed=st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.0]),
+    rate=st.floats(-1.0, 1.0),
+    curvature=st.floats(-0.4, 0.4),
+)
+def test_verdicts_are_those_of_shapely_and_no_weaker_than_before(
+    seed: int, speed: float, rate: float, curvature: float
+) -> None:
+    """In random yards whose obstacles may overlap, and divide the ground."""
+    rng = np.random.default_rng(seed)
+    posts = tuple(
+        _star(rng, *rng.uniform(-12.0, 12.0, 2), rng.uniform(0.1, 3.0), int(rng.integers(3, 12)))
+        for _ in range(rng.integers(0, 7))
+    )
+    yard = Area(_star(rng, 0.0, 0.0, 30.0, int(rng.integers(5, 60))), posts)
+    ground = yard.within(rng.choice([0.0, 0.3]))
+    x, y, yaw = rng.uniform([-15.0, -15.0, -3.0], [15.0, 15.0, 3.0]).tolist()
+    guard = Fence("odom", ground, FOOTPRINT, np.zeros(2), (0.0, 0.0, 0.0))
+    reason = said(at(x, y, yaw, speed, rate), guard, curvature=curvature)
+
+    way = speed * TICK + float(longest_stop(np.array(speed))) if speed else 0.0
+    now = rate / speed if speed else 0.0
+    number = 2 + int(0.5 * abs(curvature - now) * way**2 / ARC_SPACING)
+    arcs = np.linspace(now, curvature, min(number, MAX_ARCS))
+    points = 1 + math.ceil(way / SPACING)
+    poses = stopping_path(x, y, yaw, 0.0, way, arcs, points=points)
+    before = ~contains(placed(FOOTPRINT, *poses), ground).all(axis=-1)
+    before |= contains(seen_from(np.concatenate(ground), *poses), (FOOTPRINT,)).any(axis=-1)
+    assert reason or not before.any()
+
+    parts = shapely.build_area(shapely.multilinestrings([shapely.linearrings(r) for r in ground]))
+    shapely.prepare(parts)
+    out = ~shapely.covers(parts, shapely.polygons(placed(FOOTPRINT, *poses))).all(axis=0)
+    assert bool(reason) == out.any()
+    if out.any() and not out[0]:
+        assert reason.endswith(f" in {np.linspace(0.0, way, points)[np.argmax(out)]:.1f} m")
+
+
+def test_of_the_largest_ground_each_obstacle_counts() -> None:
+    number = (MAX_CORNERS - 4) // 3
+    places = np.stack(np.divmod(np.arange(number), 26), axis=-1) * 3.0 + 3.0
+    triangle = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]])
+    yard = 90.0 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    ground = Area(yard, tuple(triangle + place for place in places)).within(0.1)
+    guard = Fence("odom", ground, FOOTPRINT, np.zeros(2), (0.0, 0.0, 0.0))
+    for x, y in places.tolist():
+        assert said(at(x, y), guard)
+        assert said(at(x + 1.5, y + 1.5), guard) == ""
 
 
 def test_poses_of_another_frame_or_without_a_turn_rate_are_refused() -> None:

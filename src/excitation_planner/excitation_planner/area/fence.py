@@ -1,7 +1,8 @@
-"""The fence: whether a vehicle that is stopped now stays on its ground; NumPy alone.
+"""The fence: whether a vehicle that is stopped now stays on its ground.
 
-At every tick the driver asks it. What it looks at is what the plan's tube has looked at before: the
-longest of the published stops, on the arc of the motion and on the one that the commands lead to.
+The driver asks it at every tick and waits; `benchmarks/hot_paths.py --fence` measures how long.
+What it looks at is what the plan's tube has looked at before: the longest of the published stops,
+on the arc of the motion and on the one that the commands lead to.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from excitation_planner.area.polygons import Rings, contains, placed, seen_from, signed_distance
+from excitation_planner.area.polygons import Rings, placed, seen_from, signed_distance
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.localisation import PlanarState
 from tricycle_core.errors import PlanError
@@ -28,13 +30,16 @@ CREEP = 0.05
 """Speed below which a localisation's noise tells no direction [m/s]: the command does."""
 
 SPACING = 0.25
-"""Distance between the poses that are checked on a stop [m]; a tick moves them by far less."""
+"""Largest distance between the poses that are checked on a stop [m]; a tick moves them by less."""
 
 ARC_SPACING = 0.25
 """Distance between the ends of the arcs that are checked while the wheels turn [m]."""
 
 MAX_ARCS = 16
 """Largest number of these arcs, whatever the distance of their ends."""
+
+BLOCK = 8
+"""Poses on each arc that are checked together, the nearest ones first."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,8 @@ class Fence:
     Raises
     ------
     PlanError
-        If a polygon has fewer than three finite corners, or a number is not finite.
+        If a polygon has fewer than three finite corners, the footprint crosses itself, or a number
+        is not finite.
     """
 
     frame: str
@@ -65,17 +71,28 @@ class Fence:
     footprint: FloatArray
     curvature: FloatArray
     start: tuple[float, float, float]
-    _border: FloatArray = field(init=False, repr=False)  # corners of the ground
+    _border: NDArray[np.object_] = field(init=False, repr=False)  # rings of the ground
+    _insides: NDArray[np.object_] = field(init=False, repr=False)  # polygon of each ring
     _reach: float = field(init=False, repr=False)
+    _spacing: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        import shapely  # only who has an area needs it, and not in the first tick
+
         for name, rings in (("ground", self.ground), ("footprint", (self.footprint,))):
             if not rings or any(len(r) < 3 or not np.isfinite(r).all() for r in rings):
                 raise PlanError(f"{name}: needs polygons of three finite corners or more")
         if not (np.isfinite(self.curvature).all() and np.isfinite(self.start).all()):
             raise PlanError("curvature and start of an area must be finite numbers")
-        object.__setattr__(self, "_border", np.concatenate(self.ground))
+        if not shapely.is_valid(shapely.polygons(self.footprint)):
+            raise PlanError("footprint: crosses itself, or has no area")
+        border = np.array([shapely.linearrings(ring) for ring in self.ground])
+        object.__setattr__(self, "_border", border)
+        object.__setattr__(self, "_insides", shapely.polygons(border))
         object.__setattr__(self, "_reach", float(np.hypot(*self.footprint.T).max()))
+        # footprints one after the other overlap: the border cannot pass between them
+        width = float(np.ptp(self.footprint, axis=0).min())
+        object.__setattr__(self, "_spacing", min(SPACING, 0.5 * width))
 
     def off_start(self, state: PlanarState) -> str:
         """Return how far a vehicle stands from the planned start; empty within the tolerances.
@@ -113,6 +130,8 @@ class Fence:
             Sign of the commanded drive: positive forwards, negative backwards, 0 none; it counts
             where the vehicle creeps.
         """
+        import shapely
+
         if state.frame != self.frame:
             return f"the area is in frame '{self.frame}', the pose on odom in '{state.frame}'"
         if not state.turns_known:
@@ -122,8 +141,12 @@ class Fence:
         way = 0.0
         if not creeps or push != 0.0:
             way = state.speed * delay + float(longest_stop(np.array(state.speed)))
-        here = np.array([[state.x, state.y]])
-        if signed_distance(here, self.ground)[0] > way + self._reach:
+        here = shapely.Point(state.x, state.y)
+        border = self._border[shapely.dwithin(self._border, here, way + self._reach)]
+        corner = placed(self.footprint[:1], state.x, state.y, state.yaw)
+        if not self._on_ground(corner).all():
+            return self._out(state)
+        if not border.size:
             return ""  # whatever the direction
         slip = (0.0 if push >= 0.0 else math.pi) if creeps else state.slip
         now = 0.0 if creeps else state.yaw_rate / state.speed
@@ -131,24 +154,46 @@ class Fence:
         # while the wheels turn, the stop lies between the arcs
         apart = 0.5 * abs(then - now) * way**2
         arcs = np.linspace(now, then, min(2 + int(apart / ARC_SPACING), MAX_ARCS))
-        points = 1 + math.ceil(way / SPACING)
+        points = 1 + math.ceil(way / self._spacing)
         ways = np.linspace(0.0, way, points)
         poses = stopping_path(state.x, state.y, state.yaw, slip, way, arcs, points=points)
-        corners, border = placed(self.footprint, *poses), seen_from(self._border, *poses)
-        # a corner of the footprint outside, or one of the border in the footprint
-        outside = ~contains(corners, self.ground).all(axis=-1)
-        outside |= contains(border, (self.footprint,)).any(axis=-1)
-        out = outside.any(axis=0)
-        if not out.any():
-            return ""
-        ahead = float(ways[int(np.argmax(out))])
+        corners = placed(self.footprint, *poses)
+        # a corner is on the ground now: so are all footprints as far as none meets the border
+        lines = shapely.multilinestrings(border)
+        shapely.prepare(lines)
+        for first in range(0, points, BLOCK):
+            block = corners[:, first : first + BLOCK]
+            boxes = shapely.box(*block.min(axis=(1, 2)).T, *block.max(axis=(1, 2)).T)
+            block = block[shapely.intersects(lines, boxes)]  # few of the arcs
+            out = shapely.intersects(lines, shapely.polygons(block)).any(axis=0)
+            if out.any():
+                ahead = float(ways[first + int(np.argmax(out))])
+                if ahead == 0.0:
+                    return self._out(state)
+                return f"fence: would come out of the area less its margin in {ahead:.1f} m"
+        return ""
+
+    def _on_ground(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Whether points (n, 2) are in an outline and in no hole: in an odd number of rings."""
+        import shapely
+
+        within = shapely.contains_xy(self._insides[:, np.newaxis], *points.T)
+        return np.asarray(np.count_nonzero(within, axis=0) % 2 == 1)
+
+    def _out(self, state: PlanarState) -> str:
+        """How far the vehicle is out: its corners off the ground, or the border's within it."""
+        import shapely
+
+        corners = placed(self.footprint, state.x, state.y, state.yaw)
+        off = shapely.points(corners[~self._on_ground(corners)])
+        here = shapely.Point(state.x, state.y)
+        near = self._border[shapely.dwithin(self._border, here, self._reach)]
+        seen = seen_from(shapely.get_coordinates(near), state.x, state.y, state.yaw)
         depth = max(
-            -float(signed_distance(corners, self.ground).min()),
-            float(signed_distance(border, (self.footprint,)).max()),
+            shapely.distance(self._border[:, np.newaxis], off).min(axis=0).max(initial=0.0),
+            signed_distance(seen, (self.footprint,)).max(initial=0.0),
         )
-        if ahead == 0.0:
-            return f"fence: {depth:.2f} m out of the area less its margin"
-        return f"fence: would come {depth:.2f} m out of the area less its margin in {ahead:.1f} m"
+        return f"fence: {depth:.2f} m out of the area less its margin"
 
 
 def _directed(value: float, positive: str, negative: str) -> str:

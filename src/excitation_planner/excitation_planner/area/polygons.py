@@ -1,4 +1,4 @@
-"""Distances to polygons, in NumPy alone: the fence asks for them at every tick.
+"""Distances to polygons, in NumPy alone.
 
 A polygon is a tuple of rings, each an array (n, 2) of its corners without the first repeated: the
 outline, then the holes. Which way round a ring goes does not matter.
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tricycle_core.quantities import FloatArray
 
-if TYPE_CHECKING:  # the fence does without
+if TYPE_CHECKING:  # only who reads an area needs it
     import shapely
 
 Rings = Sequence[FloatArray]
