@@ -144,8 +144,11 @@ def check_apart(output: Path, bag: Path) -> None:
     BagError
         If the folder would be within the bag.
     """
-    if not is_remote(bag) and bag.resolve() in output.resolve().parents:
-        raise BagError(f"{output}: is within the bag {bag}; name a folder beside it")
+    if is_remote(bag):
+        return
+    whole = bag_at(bag) or bag  # of one of its files
+    if whole.resolve() in output.resolve().parents:
+        raise BagError(f"{output}: is within the bag {whole}; name a folder beside it")
 
 
 def _not_installed(text: str, error: BaseException) -> BagError:

@@ -1,8 +1,7 @@
 """Writing of rosbag2 directories (``metadata.yaml`` and MCAP files) without ROS.
 
-A bag that is being written is complete: every `BagWriter.flush` writes the chunks filled since
-the last one *and* the file's summary and footer behind them; the next flush overwrites that
-summary. A process that is killed thus leaves a bag that any reader opens, with everything up to
+A bag that is being written is complete: every `BagWriter.flush` writes all messages since the
+last one *and* the file's summary and footer behind them; the next flush overwrites that summary. A process that is killed thus leaves a bag that any reader opens, with everything up to
 the last flush in it. Only a process killed within the write itself leaves an incomplete summary;
 `BagReader` reads such a file up to that place.
 
