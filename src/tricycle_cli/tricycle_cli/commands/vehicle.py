@@ -16,7 +16,7 @@ from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
 from tricycle_core.optional import check_installed
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle import Vehicle, load_vehicle, warnings_about
+from tricycle_sim.vehicle import Vehicle, load_vehicle, parse_vehicle, warnings_about
 
 EXAMPLE = """\
 examples:
@@ -102,7 +102,8 @@ def run_new(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file exists, there is no terminal to ask at, or the answers do not make a vehicle.
+        If the file exists, there is no terminal to ask at, or the answers do not make a vehicle:
+        nothing is written then.
     """
     from tricycle_cli.new_vehicle import ask, from_answers, from_file
 
@@ -118,6 +119,7 @@ def run_new(args: argparse.Namespace) -> int:
             text = from_answers(ask(input, lambda problem: print(f"  {problem}", file=sys.stderr)))
         except EOFError:
             raise VehicleError("the questions were not answered: nothing is written") from None
+    parse_vehicle(text.encode(), f"{args.output}, not written")
     write_whole(args.output, text)
     command = shlex.join(["tricycle", "vehicle", "check", str(args.output)])
     print(f"{args.output}: written; look at it with: {command}")
