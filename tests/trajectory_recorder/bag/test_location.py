@@ -44,6 +44,13 @@ def test_a_bag_without_metadata_is_known_by_its_files_whatever_its_name(bags, tm
     assert [bag.name for bag in find_bags("two/torn*")] == ["torn", "torn[1]"]
 
 
+@pytest.mark.parametrize("secret", ["sftp://me:sec*ret@host/bag", "https://host/bag?sig=sec*ret"])
+def test_a_secret_is_refused_and_not_repeated_in_a_pattern_either(secret):
+    with pytest.raises(BagError, match="which results would show") as caught:
+        find_bags(secret)
+    assert "ret" not in str(caught.value).partition("which")[0]
+
+
 @pytest.mark.parametrize("pattern", ["two/*.txt", "one/x*", "https://example.org/bags/*"])
 def test_a_pattern_without_bags_is_an_error(bags, pattern):
     with pytest.raises(BagError, match=r"matches no bag|patterns are those of files"):
