@@ -88,9 +88,10 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tricycle, tmp_path,
     assert [file.name for file in tmp_path.iterdir()] == ["cargo.svg"]
 
 
-def test_a_picture_of_another_format_is_refused(tricycle, tmp_path):
-    with pytest.raises(VehicleError, match=r"must end in \.svg, \.png, \.pdf"):
+def test_a_picture_of_another_format_is_refused(tricycle, tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
         tricycle("vehicle", "check", "--draw", tmp_path / "cargo.gif")
+    assert "cargo.gif: needs to end in one of .svg, .png, .pdf" in capsys.readouterr().err
     assert not (tmp_path / "cargo.gif").exists()
 
 
