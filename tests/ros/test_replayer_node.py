@@ -2,6 +2,7 @@
 
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -47,9 +48,24 @@ def bag(tmp_path: Path) -> Path:
     return tmp_path / "bag"
 
 
+FAILING_READ = """
+import os, threading
+pread = os.pread
+def failing(*where):
+    if threading.current_thread().name == "player":
+        raise {error}
+    return pread(*where)
+os.pread = failing
+from trajectory_recorder.replayer_node import main
+main()
+"""
+"""Program of the replayer, in which reading fails once the bag is open."""
+
+
 class Replayer:
-    def __init__(self, node: Node, env: dict[str, str], *arguments: str) -> None:
-        command = [executable("bag_replayer"), "--ros-args", *arguments]
+    def __init__(self, node: Node, env: dict[str, str], *arguments: str, program: str = "") -> None:
+        start = [sys.executable, "-c", program] if program else [executable("bag_replayer")]
+        command = [*start, "--ros-args", *arguments]
         self.process = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
         self.node = node
         self.executor = SingleThreadedExecutor(context=node.context)
@@ -74,8 +90,8 @@ class Replayer:
 def replayer(ros_node: Node, ros_environment: dict[str, str]) -> Iterator[Callable[..., Replayer]]:
     started: list[Replayer] = []
 
-    def start(*arguments: str) -> Replayer:
-        started.append(Replayer(ros_node, ros_environment, *arguments))
+    def start(*arguments: str, program: str = "") -> Replayer:
+        started.append(Replayer(ros_node, ros_environment, *arguments, program=program))
         return started[-1]
 
     yield start
@@ -242,3 +258,20 @@ def test_mistakes_are_one_line(  # type: ignore[no-untyped-def]
     assert r.process.wait(10) == 2
     (line,) = r.errors().splitlines()
     assert reason in line
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        ("OSError(5, 'Input/output error')", "bag_0.mcap: Input/output error"),
+        ("KeyError('a mistake of ours')", "ended by an error: 'a mistake of ours'"),
+    ],
+)
+def test_a_bag_that_cannot_be_read_on_is_no_success(  # type: ignore[no-untyped-def]
+    replayer, bag: Path, error: str, told: str
+) -> None:
+    r = replayer("-p", f"bag:={bag}", program=FAILING_READ.format(error=error))
+    assert r.process.wait(20) == 2
+    errors = r.errors()
+    assert told in errors
+    assert ": played" not in errors

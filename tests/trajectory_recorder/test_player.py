@@ -116,6 +116,23 @@ def test_loop_begins_again(bag: BagReader) -> None:
     assert played[:32] == played[32:64]
 
 
+@pytest.mark.parametrize("rate", [1e-13, 5e-324])
+@pytest.mark.parametrize("topics", [["/odom"], ["/plan"]])
+def test_a_rate_that_would_take_ages_waits(bag: BagReader, topics: list[str], rate: float) -> None:
+    """For the next message, or for the next pass of a loop."""
+    played: list[RecordedMessage] = []
+    player = Player(bag, topics, rate=rate, loop=True)
+    thread = Thread(target=player.run, args=(played.append, lambda _: None))
+    thread.start()
+    until(lambda: len(played) == 1)
+    time.sleep(0.05)
+    assert thread.is_alive()
+    player.stop()
+    thread.join(5)
+    assert not thread.is_alive()
+    assert len(played) == 1
+
+
 @pytest.mark.parametrize("start", [0.0, 0.1])
 def test_a_loop_of_one_message_does_not_flood(bag: BagReader, start: float) -> None:
     played: list[RecordedMessage] = []

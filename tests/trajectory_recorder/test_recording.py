@@ -173,7 +173,8 @@ def test_a_disk_without_reserve_is_told_before_a_bag_is_begun(
     with pytest.raises(BagError, match="MB of disk left, disk_reserve is 1000000000000 MB"):
         recording.check_room(str(tmp_path / "deep" / "bag"))
     assert not (tmp_path / "deep").exists()
-    Recording(BagSettings(disk_reserve=1.0), failures.append).check_room(str(tmp_path / "bag"))
+    for there in (tmp_path / "bag", tmp_path, "/"):
+        Recording(BagSettings(disk_reserve=1.0), failures.append).check_room(str(there))
 
 
 def test_a_disk_without_reserve_ends_the_recording(failures: list[str], tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """Values of arguments: what fits, and what does not."""
 
 from argparse import ArgumentTypeError
+from pathlib import Path
 
 import pytest
 
 from tricycle_cli.argument_types import (
     at_least,
+    file_ending_in,
     namespace,
     nonnegative_number,
     parse_assignments,
@@ -18,6 +20,7 @@ from tricycle_core.errors import PlanError
     ("value", "good", "bad"),
     [
         (at_least(0), {"0": 0, "12": 12}, ["-1", "1.5", "\u0663", ""]),
+        (file_ending_in(".png", ".svg"), {"a/b.svg": Path("a/b.svg")}, ["b.gif", "png", ".png"]),
         (real_time_factor, {"0": 0.0, "2.5": 2.5, "1000": 1000.0}, ["-1", "1001", "nan", "fast"]),
         (namespace, {n: n for n in ("", "one", "/yard/one")}, ["/x/", "a b", "9x", "\u00e4"]),
         (nonnegative_number, {"0": 0.0, "1e3": 1000.0}, ["-1", "inf", "nan", "much"]),

@@ -44,6 +44,7 @@ _tricycle; printf '%s\\n' "${{COMPREPLY[@]}}"
     [
         ("plan", ["(default: circle)", "(default: 100)", "(default: out/plan)", "(default: 0.02)"]),
         ("drive", ["(default: out/bag)", "(default: 1.0)"]),
+        ("identify", ["of the starts (default: 0)"]),
         ("judge", ["(default: maneuver/reference)", "(default: standstill)"]),
         (
             "campaign",

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Collection
-from threading import Condition
+from threading import TIMEOUT_MAX, Condition
 
 from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 
@@ -82,7 +82,9 @@ class Player:
             # a pass of one message, or of none, lasts no time
             left = begun + CLOCK_PERIOD * 1e-9 / (self._rate or 1.0) - time.monotonic()
             with self._changed:
-                self._changed.wait_for(lambda: self._stopped or self._sought, max(left, 0.0))
+                self._changed.wait_for(
+                    lambda: self._stopped or self._sought, min(max(left, 0.0), TIMEOUT_MAX)
+                )
 
     def pause(self) -> None:
         """Hold before the next message."""
@@ -178,5 +180,5 @@ class Player:
                 left = wall + (stamp - recorded) * 1e-9 / self._rate - now
                 if left <= 0:
                     return True
-                self._changed.wait(left)
+                self._changed.wait(min(left, TIMEOUT_MAX))
             return False

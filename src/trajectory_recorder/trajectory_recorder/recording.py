@@ -19,6 +19,7 @@ from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic, deserialize
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.diagnostics import Level
+from tricycle_core.documents import nearest_existing
 from tricycle_core.errors import BagError, hint
 
 METADATA = ("plan_id", "vehicle*", "firmware*")
@@ -186,8 +187,7 @@ class Recording:
             If it would; the message says how much is free.
         """
         path = Path(output).absolute()
-        there = next(folder for folder in path.parents if folder.exists())
-        if scarce := self._scarce(shutil.disk_usage(there).free):
+        if scarce := self._scarce(shutil.disk_usage(nearest_existing(path)).free):
             raise BagError(f"{path}: {scarce}")
 
     def start(self, output: str, stamp: int | None) -> Path:

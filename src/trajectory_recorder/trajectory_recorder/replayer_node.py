@@ -25,7 +25,7 @@ from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.topics import OfferedQos, message_class
 from trajectory_recorder.player import Player
 from trajectory_recorder.recording import chosen
-from tricycle_core.errors import BagError
+from tricycle_core.errors import BagError, message_of
 from tricycle_core.nodes import declare, run_node
 
 ACKNOWLEDGE = Duration(seconds=0.05)  # to wait at a time for reliable subscribers
@@ -84,7 +84,7 @@ class BagReplayer(Node):
         self.create_service(Trigger, "~/step", partial(self._serve, self._player.step))
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._seek)
-        self._failure: BagError | None = None
+        self._failure = ""  # what ended it before the end
         self._thread = Thread(target=self._play, name="player")
         self._thread.start()
         self.create_timer(0.05, self._end, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -133,8 +133,11 @@ class BagReplayer(Node):
     def _play(self) -> None:
         try:
             self._player.run(self._publish, self._tick)
-        except BagError as error:
-            self._failure = error
+        except (BagError, OSError) as error:
+            self._failure = message_of(error)
+        except BaseException as error:  # a mistake of ours, or a bag that makes no sense
+            self._failure = f"ended by an error: {message_of(error)}"
+            raise
 
     def _publish(self, message: RecordedMessage) -> None:
         while True:
@@ -157,8 +160,8 @@ class BagReplayer(Node):
             return
         if not all(publisher.wait_for_all_acked(ACKNOWLEDGE) for publisher in self._to.values()):
             return
-        if self._failure is not None:
-            self.get_logger().error(str(self._failure))
+        if self._failure:
+            self.get_logger().error(self._failure)
             raise SystemExit(2)
         self.get_logger().info(f"played {self._played} messages")
         raise SystemExit(0)

@@ -52,6 +52,24 @@ def at_least(least: int) -> Callable[[str], int]:
     return parse
 
 
+def file_ending_in(*suffixes: str) -> Callable[[str], Path]:
+    """Return an argument type for files whose format their name tells.
+
+    Parameters
+    ----------
+    suffixes : str
+        Suffixes that it accepts, with the dot.
+    """
+
+    def parse(text: str) -> Path:
+        if Path(text).suffix not in suffixes:
+            one_of = "one of " if len(suffixes) > 1 else ""
+            raise ArgumentTypeError(f"{text}: needs to end in {one_of}{', '.join(suffixes)}")
+        return Path(text)
+
+    return parse
+
+
 def positive_number(text: str) -> float:
     """Return a finite number above 0.
 

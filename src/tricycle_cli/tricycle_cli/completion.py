@@ -66,7 +66,8 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter):
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = action.help or ""
-        told = "default" in text or action.default in (None, False, "", [], argparse.SUPPRESS)
-        if told or not action.option_strings:
+        default = action.default
+        none = default is None or default is False or default in ("", [], argparse.SUPPRESS)
+        if none or "default" in text or not action.option_strings:
             return action.help
         return f"{text} (default: %(default)s)".strip()

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from tricycle_core.errors import VehicleError
+from tricycle_core.supplies import SUPPLY_LIMIT
 from tricycle_sim.vehicle import actuators, body, load_vehicle, steering, tyre, vehicle_document
 from tricycle_sim.vehicle.constants import constant_entries
 from tricycle_sim.vehicle.laws import Constant, Law
@@ -85,8 +86,8 @@ class Question:
                 raise VehicleError(f"{line!r}: must be one of {', '.join(self.choices)}")
             return line
         if not self.low < self.high:
-            if not line:
-                raise VehicleError("needs a text")
+            if not (line and line.isprintable()):
+                raise VehicleError("needs a printable text")
             return line
         try:
             value = float(line)
@@ -199,7 +200,7 @@ Entry = Mapping[str, Any]
 
 
 def from_answers(answers: Answers) -> str:
-    """Return the text of a vehicle file.
+    """Return the text of a vehicle file, not validated.
 
     Parameters
     ----------
@@ -397,7 +398,8 @@ def _motor(answers: Answers, _: _Sized) -> Iterator[_Estimate]:
     yield _Estimate("motor_lag", 0.03, "current loop and commutation")
     yield _Estimate("motor_copper_loss", 50.0 / torque**2, "50 W at the largest torque")
     yield _Estimate("battery_voltage", voltage, _ANSWERED, "data")
-    yield _Estimate("drive_supply_low", min(0.85 * voltage, 60.0), "the boards do not arm below")
+    low = min(0.85 * voltage, SUPPLY_LIMIT)
+    yield _Estimate("drive_supply_low", low, "the boards do not arm below")
     yield _Estimate("speed_gain_proportional", gain, "speed loop of about 3 rad/s")
     yield _Estimate("speed_gain_integral", gain, "speed loop of about 3 rad/s")
     yield _Estimate("speed_anti_windup", 4.0 / gain, "back-calculation gain of the integrator")

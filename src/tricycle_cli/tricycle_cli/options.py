@@ -52,7 +52,7 @@ def refuse_given(args: Namespace, names: Iterable[str], why: str) -> None:
     Parameters
     ----------
     args : Namespace
-        Parsed arguments; an option that is left out is None, or an empty list.
+        Parsed arguments; an option that is left out is None, False, or an empty list.
     names : iterable of str
         Names of the options, as in `args`.
     why : str
@@ -64,7 +64,9 @@ def refuse_given(args: Namespace, names: Iterable[str], why: str) -> None:
         If one is given.
     """
     given = [
-        f"--{name.replace('_', '-')}" for name in names if getattr(args, name) not in (None, [])
+        f"--{name.replace('_', '-')}"
+        for name in names
+        if not ((value := getattr(args, name)) is None or value is False or value == [])
     ]
     if given:
         raise PlanError(f"{', '.join(given)}: {why}")
@@ -397,6 +399,26 @@ def topics_of(args: Namespace, kept: TopicNames | None = None) -> TopicNames:
     names = kept or TopicNames()
     given = {name: getattr(args, name, None) for name in vars(names)}
     return replace(names, **{name: value for name, value in given.items() if value is not None})
+
+
+def refuse_topics(args: Namespace, why: str) -> None:
+    """Refuse the options that name topics, where they would have no effect.
+
+    Parameters
+    ----------
+    args : Namespace
+        Parsed arguments, among them those of `add_topic_options`.
+    why : str
+        Why they have no effect, and what would be right.
+
+    Raises
+    ------
+    PlanError
+        If one is given.
+    """
+    from parameter_identification.drives.recorded import TopicNames
+
+    refuse_given(args, [name for name in vars(TopicNames()) if hasattr(args, name)], why)
 
 
 def describe_later(parser: ArgumentParser, describe: Callable[[], None]) -> None:

@@ -52,6 +52,22 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
     return content
 
 
+def nearest_existing(path: Path) -> Path:
+    """Return a path if it exists, otherwise the lowest folder above it that does.
+
+    Parameters
+    ----------
+    path : Path
+        Path of a file or folder.
+
+    Examples
+    --------
+    >>> nearest_existing(Path("/no-such-folder/bags/first")).as_posix()
+    '/'
+    """
+    return next(there for there in (path, *path.parents) if there.exists())
+
+
 def check_folder(path: Path) -> None:
     """Raise if nothing can be written to a folder; called before the work that fills it.
 
@@ -66,7 +82,7 @@ def check_folder(path: Path) -> None:
         If a file stands in the folder's place, or there is no permission to make it or to write
         into it.
     """
-    existing = next(folder for folder in (path, *path.parents) if folder.exists())
+    existing = nearest_existing(path)
     if not existing.is_dir():
         raise ExcitationError(f"{existing} is a file; a folder is needed")
     if not os.access(existing, os.W_OK):

@@ -296,7 +296,7 @@ def run_node(factory: Callable[[], Node]) -> None:
             name, _ = _documented().get(kind, (kind, []))
             rclpy.logging.get_logger(name).fatal(_told(mistake))
             raise SystemExit(2) from None
-        # a collection through all that was imported holds a node up by 0.1 s on a slow machine
+        # a collection through all that was imported would hold the node up for several ticks
         gc.freeze()
         executor.add_node(node)
         while not _ENDING:

@@ -72,9 +72,10 @@ def test_a_bag_given_twice_is_refused(
 def test_no_bag_is_written_into_one_that_is_read(tmp_path: Path) -> None:
     bag = write(tmp_path / "bag", range(3), odom=STRING)
     before = sorted(bag.iterdir())
-    for writes in (lambda output: convert([bag], output), lambda output: recover(bag, output)):
-        with pytest.raises(BagError, match=r"inside: is within the bag .*bag; name a folder"):
-            writes(bag / "inside")
+    for writes in (lambda given, output: convert([given], output), recover):
+        for given in (bag, bag / "bag_0.mcap"):
+            with pytest.raises(BagError, match=r"inside: is within the bag .*bag; name a folder"):
+                writes(given, bag / "inside")
     assert sorted(bag.iterdir()) == before
 
 

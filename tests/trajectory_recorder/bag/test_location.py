@@ -2,7 +2,7 @@
 
 import pytest
 
-from trajectory_recorder.bag.location import find_bags
+from trajectory_recorder.bag.location import bag_path, find_bags
 from tricycle_core.errors import BagError
 
 
@@ -42,6 +42,17 @@ def test_a_bag_without_metadata_is_known_by_its_files_whatever_its_name(bags, tm
     (tmp_path / "two/torn[1]").mkdir()
     (tmp_path / "two/torn[1]/torn[1]_0.mcap").touch()
     assert [bag.name for bag in find_bags("two/torn*")] == ["torn", "torn[1]"]
+
+
+@pytest.mark.parametrize("secret", ["sftp://me:sec*ret@host/bag", "https://host/bag?sig=sec*ret"])
+def test_a_secret_is_refused_and_not_repeated_in_a_pattern_either(secret):
+    with pytest.raises(BagError, match="which results would show") as caught:
+        find_bags(secret)
+    assert "ret" not in str(caught.value).partition("which")[0]
+
+
+def test_an_at_sign_behind_a_port_is_no_password():
+    assert str(bag_path("http://host:8000/run@noon")) == "http://host:8000/run@noon"
 
 
 @pytest.mark.parametrize("pattern", ["two/*.txt", "one/x*", "https://example.org/bags/*"])

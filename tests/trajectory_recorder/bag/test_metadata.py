@@ -1,5 +1,7 @@
 """metadata.yaml, written and read, and refused where it is none."""
 
+import resource
+
 import pytest
 import yaml
 
@@ -24,6 +26,20 @@ def test_a_folder_that_was_removed_does_not_come_back(tmp_path):
     with pytest.raises(FileNotFoundError):
         write_metadata(tmp_path / "gone", {})
     assert not (tmp_path / "gone").exists()
+
+
+def test_a_full_disk_keeps_the_old_text_and_leaves_nothing_else(tmp_path):
+    """A file size limit stands for it: the write fails half done in the same way."""
+    write_metadata(tmp_path, {"message_count": 1})
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20, limit[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            write_metadata(tmp_path, {"message_count": 2, "names": "x" * 5000})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert [path.name for path in tmp_path.iterdir()] == ["metadata.yaml"]
+    assert read_metadata(tmp_path)["message_count"] == 1
 
 
 def test_a_bag_without_it_has_no_information(tmp_path):

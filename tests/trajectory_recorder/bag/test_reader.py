@@ -300,7 +300,7 @@ def test_a_torn_bag_still_says_what_was_driven(tmp_path: Path) -> None:
     recover(tmp_path / "bag", tmp_path / "whole")
     for path in (tmp_path / "bag", tmp_path / "whole"):
         with BagReader(path) as reader:
-            assert reader.metadata == {"plan_id": "abc"}, path
+            assert reader.metadata["plan_id"] == "abc", path
 
 
 def test_parts_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:

@@ -39,13 +39,13 @@ def test_a_torn_bag_becomes_one_that_any_reader_opens(bag: Path, tmp_path: Path)
     found = recover(
         bag, tmp_path / "whole", progress=lambda done, total: told.append((done, total))
     )
-    assert found.damage == ()
+    assert (found.damage, found.complete) == ((), False)
     assert 0 < found.messages < COUNT
     assert told[-1] == (found.messages, found.messages)
     assert contents(tmp_path / "whole") == [b"%06d" % i for i in range(found.messages)]
     with BagReader(tmp_path / "whole") as reader:
-        assert reader.complete
-        assert reader.metadata["plan_id"] == "p"
+        assert not reader.complete  # what came after the tear is not known
+        assert reader.metadata == {"plan_id": "p", "lost": "parts of a bag that was not whole"}
     with (tmp_path / "whole" / "whole_0.mcap").open("rb") as stream:
         assert make_reader(stream).get_summary().statistics.message_count == found.messages
 
@@ -60,14 +60,42 @@ def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path, torn: 
     file.write_bytes(content[: len(content) - torn])
     found = recover(bag, tmp_path / "whole")
     (damage,) = found.damage
+    assert not found.complete
     assert "damaged chunk at byte" in str(damage)
     with BagReader(tmp_path / "whole") as reader:
         assert not reader.complete
-        assert reader.metadata["lost"] == "damaged chunks or files of bag: 1"
+        assert "damaged chunks or files of bag: 1" in reader.metadata["lost"]
     kept = contents(tmp_path / "whole")
     assert len(kept) == found.messages
     assert COUNT - 100 < len(kept) < COUNT
     assert b"%06d" % 1000 not in kept
+
+
+def test_a_bag_that_lacks_a_file_does_not_become_whole(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        topic = writer.add_topic(Topic.of_type("/chatter", "std_msgs/msg/String"))
+        for i in range(3):
+            writer.split(i)
+            writer.write(topic, i, b"%d" % i)
+    (tmp_path / "bag" / "bag_1.mcap").unlink()
+    found = recover(tmp_path / "bag", tmp_path / "new")
+    assert (found.damage, found.complete) == ((), False)
+    assert contents(tmp_path / "new") == [b"0", b"2"]
+    with BagReader(tmp_path / "new") as reader:
+        assert not reader.complete
+
+
+def test_a_whole_bag_stays_whole(bag: Path, tmp_path: Path) -> None:
+    assert recover(bag, tmp_path / "new").complete
+    with BagReader(tmp_path / "new") as reader:
+        assert reader.complete
+        assert reader.metadata == {"plan_id": "p"}
+
+
+def test_a_link_to_itself_is_no_bag(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(BagError, match="no such bag"):
+        recover(tmp_path / "loop", tmp_path / "new")
 
 
 def test_nothing_is_overwritten(bag: Path) -> None:

@@ -211,6 +211,8 @@ def test_a_server_without_parts_of_files_is_said(folder):
         ("http://127.0.0.1:9/bag.mcap", "Cannot connect"),
         ("s4://bucket/bag", "s4"),
         ("https://me:secret@host/bag", "no password in a URL"),
+        ("sftp://me:secret/too@host/bag", "no password in a URL"),
+        ("sftp://me:secret@too@host/bag", "no password in a URL"),
         ("https://host/bag.mcap?X-Amz-Signature=1", "no query in a URL"),
     ],
 )

@@ -1,5 +1,6 @@
 """`tricycle film`: recorded drives as a GIF."""
 
+import itertools
 import math
 import os
 import re
@@ -7,13 +8,18 @@ import subprocess
 import sys
 from ctypes.util import find_library
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from driven_bags import Scene, SimulatedBag, sideways
-from PIL import Image
+from PIL import Image, ImageSequence
 
+from tricycle_bringup.configuration import bridge_settings
+from tricycle_cli.reports.rendered_film import write_rendered_film
 from tricycle_core.errors import PlantError
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import load_vehicle
 
 TRICYCLE = Path(sys.executable).with_name("tricycle")
 
@@ -68,6 +74,29 @@ def test_a_drive_is_repeated_and_rendered_without_a_screen(tmp_path):
     orange = [(f[..., 0] > 150) & (f[..., 2] < 90) for f in frames]  # body and measured way
     assert all(0.005 < each.mean() < 0.1 for each in orange)
     assert np.abs(frames[0] - frames[1]).mean() > 5.0  # it has moved over the squares
+
+
+@pytest.mark.parametrize("speed", [0.15, 0.25, 2.0])
+def test_a_repeated_drive_lasts_as_long_as_its_speed_says(tmp_path, speed):
+    """Whether or not frames come between the ticks of the drive."""
+    pictures = itertools.count()
+    view = SimpleNamespace(
+        plant=None,
+        add_line=lambda *_: None,
+        picture=lambda: np.full((4, 4, 3), 80 * (next(pictures) % 3), np.uint8),
+    )
+    line = np.linspace(0.0, 1.0, 10)
+    series = SimpleNamespace(time=line, x=line, y=line, reference_x=line, reference_y=line)
+    vehicle = load_vehicle()
+    write_rendered_film(
+        *(view, Commands([0.0, 1.2], [0.0, 0.0], [0.5, 0.0]), series, vehicle),
+        *(bridge_settings(vehicle), tmp_path / "film.gif"),
+        speed=speed,
+        progress=lambda *_: None,
+    )
+    with Image.open(tmp_path / "film.gif") as film:
+        lasts = sum(frame.info["duration"] for frame in ImageSequence.Iterator(film))
+    assert lasts == pytest.approx(1200 / speed, abs=100)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """The subcommand identify: what it refuses, and hundreds of bags drive by drive."""
 
 import json
+from argparse import ArgumentParser
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from parameter_identification.drives.windows import Selection, Windows
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.identification_file import load_identification_file
 from parameter_identification.many_drives import ManyDrives
+from tricycle_cli.completion import words_of
 from tricycle_cli.drives import _windows_of
+from tricycle_cli.options import add_topic_options
 from tricycle_core.errors import ExcitationError, IdentificationError, VehicleError
 from tricycle_sim.vehicle import load_vehicle
 
@@ -66,7 +69,13 @@ def test_an_option_that_would_do_nothing_is_refused(tricycle, tmp_path, more, me
         tricycle("identify", tmp_path / "bag", *more)
 
 
-@pytest.mark.parametrize("option", ["--pose", "--joint-states", "--child-frame", "--datum"])
+def topic_options():
+    parser = ArgumentParser(add_help=False)
+    add_topic_options(parser, sensors=True)
+    return [word for word in words_of(parser) if word.startswith("--")]
+
+
+@pytest.mark.parametrize("option", topic_options())
 def test_topics_are_refused_where_every_drive_is_a_table(tricycle, tmp_path, option):
     (tmp_path / "m.yaml").write_text("time: t\nx: x\ny: y\nsteering: s\n")
     (tmp_path / "a.csv").write_text("t,x,y,s\n")

@@ -20,6 +20,16 @@ pytestmark = pytest.mark.real_time
         (["check", "one", "two"], "--engineer NAME"),
         (["check", "one", "./one", "--engineer", "A"], "one and ./one are one port"),
         (["probe", "one", "two"], "takes one port, not 2"),
+        (["probe", "one", "--seconds", "5"], "--seconds: only with monitor and stats"),
+        (
+            ["check", "one", "two", "--engineer", "A", "--seconds", "5"],
+            "--seconds: only with monitor and stats",
+        ),
+        (
+            ["stats", "one", "--engineer", "A", "--record", "r.json", "--overwrite"],
+            "--engineer, --record, --overwrite: only with check",
+        ),
+        (["monitor", "one", "--vehicle", "v.yaml"], "--vehicle: only with check"),
         pytest.param(
             ["check", "nowhere", "nirgends", "--engineer", "A", "--boot-wait", "0"],
             "not exist",

@@ -88,9 +88,10 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tricycle, tmp_path,
     assert [file.name for file in tmp_path.iterdir()] == ["cargo.svg"]
 
 
-def test_a_picture_of_another_format_is_refused(tricycle, tmp_path):
-    with pytest.raises(VehicleError, match=r"must end in \.svg, \.png, \.pdf"):
+def test_a_picture_of_another_format_is_refused(tricycle, tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
         tricycle("vehicle", "check", "--draw", tmp_path / "cargo.gif")
+    assert "cargo.gif: needs to end in one of .svg, .png, .pdf" in capsys.readouterr().err
     assert not (tmp_path / "cargo.gif").exists()
 
 
@@ -172,9 +173,32 @@ def test_a_part_is_asked_for_what_it_uses(tricycle, tmp_path, monkeypatch, case)
     assert ("speed_gain_proportional" in vehicle.values) == (part == "servo")
 
 
+def at_a_terminal(monkeypatch, answers):
+    """Have these answers typed."""
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("builtins.input", typed(answers))
+
+
+@pytest.mark.parametrize("voltage", ["1", "60", "72", "1000"])
+def test_a_battery_of_any_voltage_makes_a_vehicle(tricycle, tmp_path, monkeypatch, voltage):
+    at_a_terminal(monkeypatch, {**LARGE, "battery_voltage": voltage})
+    assert tricycle("vehicle", "new", tmp_path / "new.yaml") == 0
+    assert load_vehicle(tmp_path / "new.yaml").battery_voltage == float(voltage)
+
+
+@pytest.mark.parametrize("answer", [{"front_track": "5"}, {"wheelbase": "0.05"}])
+def test_answers_that_make_no_vehicle_are_told_and_nothing_is_written(
+    tricycle, tmp_path, monkeypatch, answer
+):
+    at_a_terminal(monkeypatch, {**LARGE, **answer})
+    with pytest.raises(VehicleError, match=r"new\.yaml, not written: steering_limit: .* deg"):
+        tricycle("vehicle", "new", tmp_path / "new.yaml")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_wrong_answer_is_asked_again():
     said = []
-    lines = iter(["", "x", "sedan", "delta"])
+    lines = iter(["", "x\ty", "x", "sedan", "delta"])
     read = typed(LARGE)
 
     def slips(prompt):
@@ -183,7 +207,7 @@ def test_a_wrong_answer_is_asked_again():
 
     answers = ask(slips, said.append)
     assert (answers["name"], answers["layout"]) == ("x", "delta")
-    assert said == ["needs a text", "'sedan': must be one of tadpole, delta, car"]
+    assert said == [*2 * ["needs a printable text"], "'sedan': must be one of tadpole, delta, car"]
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,17 @@ def test_every_drive_and_every_plan_is_shown_under_a_name_of_its_own(plan, recor
     assert names == [*planned, "bags/1", "2", "day1/bag", "day2/bag"]
 
 
+def test_bags_of_one_file_and_those_of_a_killed_recorder_are_shown(record_drive, tmp_path):
+    for name in ("whole", "killed", "single"):
+        record_drive(tmp_path / "bags" / name)
+    (tmp_path / "bags" / "killed" / "metadata.yaml").unlink()
+    (tmp_path / "bags" / "single" / "single_0.mcap").rename(tmp_path / "drive.mcap")
+    shutil.rmtree(tmp_path / "bags" / "single")
+    found = {m.name: m.judgement for m in read_run(tmp_path).maneuvers}
+    assert set(found) == {"whole", "killed", "drive.mcap"}
+    assert None not in found.values()
+
+
 def test_no_directory_is_told(tmp_path):
     with pytest.raises(ReportError, match="is not a directory"):
         read_run(tmp_path / "nowhere")

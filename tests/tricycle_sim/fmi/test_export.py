@@ -109,8 +109,9 @@ def test_the_command_writes_it_once(tmp_path, capsys, monkeypatch):
 
 def test_the_command_refuses_another_ending(tmp_path, capsys):
     path = tmp_path / "mine.txt"
-    assert main(["vehicle", "export-fmu", "--output", str(path)]) == 2
-    assert "mine.txt: must end in .fmu" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["vehicle", "export-fmu", "--output", str(path)])
+    assert "mine.txt: needs to end in .fmu" in capsys.readouterr().err
     assert not path.exists()
 
 

@@ -86,7 +86,7 @@ def convert(
             compression=compression,
             split_size=split_size,
             split_duration=split_duration,
-            metadata=_metadata(readers),
+            metadata=common_metadata(readers),
         )
         writer = stack.enter_context(whole_or_none(new))
         ids = {name: writer.add_topic(topic) for name, topic in joined.items()}
@@ -118,8 +118,16 @@ def _check_given_once(readers: Sequence[BagReader]) -> None:
         given |= dict.fromkeys(files, reader.path)
 
 
-def _metadata(readers: Sequence[BagReader]) -> dict[str, str]:
-    """Return the metadata that the recorders of all bags agree on."""
+def common_metadata(readers: Sequence[BagReader]) -> dict[str, str]:
+    """Return the metadata of a bag that is made of others: what their recorders agree on.
+
+    Where one of them is not whole, they say so.
+
+    Parameters
+    ----------
+    readers : sequence of BagReader
+        The others, open.
+    """
     found: dict[str, set[str]] = {}
     for reader in readers:
         for key, value in reader.metadata.items():

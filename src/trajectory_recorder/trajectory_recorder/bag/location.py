@@ -41,17 +41,8 @@ def bag_path(text: str) -> Path:
     if found is None:
         return Path(text)
     text = text.rstrip("/")
-    scheme, rest = found[1].lower(), text[found.end() :]
-    if "@" in rest.partition("/")[0] and ":" in rest.partition("@")[0]:
-        raise BagError(
-            f"{scheme}://…: no password in a URL, which results would show: set it in the "
-            "environment or in the configuration of fsspec"
-        )
-    if scheme in ("http", "https") and "?" in rest:
-        raise BagError(
-            f"{text.partition('?')[0]}?…: no query in a URL, which results would show: use the "
-            "store's own URL (s3://…), or download the bag"
-        )
+    scheme = found[1].lower()
+    _check_no_secret(scheme, text[found.end() :])
     try:
         from upath import UPath
 
@@ -62,6 +53,22 @@ def bag_path(text: str) -> Path:
         raise _not_installed(text, error.__cause__ or error) from error
     except ValueError as error:  # of fsspec for a scheme that it does not know
         raise BagError(f"{text}: {error}") from error
+
+
+def _check_no_secret(scheme: str, rest: str) -> None:
+    """Refuse a URL with a password or a signature, without repeating it."""
+    # a password may hold a slash, and a path an @: of digits it is a port
+    _, colon, port = rest.partition("/")[0].partition("@")[0].partition(":")
+    if colon and "@" in rest and ("@" in rest.partition("/")[0] or not port.isdigit()):
+        raise BagError(
+            f"{scheme}://…: no password in a URL, which results would show: set it in the "
+            "environment or in the configuration of fsspec"
+        )
+    if scheme in ("http", "https") and "?" in rest:
+        raise BagError(
+            f"{scheme}://{rest.partition('?')[0]}?…: no query in a URL, which results would show: "
+            "use the store's own URL (s3://…), or download the bag"
+        )
 
 
 def find_bags(text: str) -> list[Path]:
@@ -88,6 +95,8 @@ def find_bags(text: str) -> list[Path]:
     if not glob.has_magic(text) or (not remote and Path(text).exists()):
         return [bag_path(text)]
     if remote:
+        scheme, _, rest = text.partition("://")
+        _check_no_secret(scheme.lower(), rest)
         raise BagError(f"{text}: patterns are those of files of this computer: name the bags")
     matched = [bag_at(Path(name)) for name in _matched(text)]
     found = [bag for bag in dict.fromkeys(matched) if bag is not None]
@@ -144,8 +153,11 @@ def check_apart(output: Path, bag: Path) -> None:
     BagError
         If the folder would be within the bag.
     """
-    if not is_remote(bag) and bag.resolve() in output.resolve().parents:
-        raise BagError(f"{output}: is within the bag {bag}; name a folder beside it")
+    if is_remote(bag):
+        return
+    whole = bag_at(bag) or bag  # of one of its files
+    if whole.resolve() in output.resolve().parents:
+        raise BagError(f"{output}: is within the bag {whole}; name a folder beside it")
 
 
 def _not_installed(text: str, error: BaseException) -> BagError:

@@ -83,6 +83,7 @@ class LocalFile:
     fetched = 0  # bytes from elsewhere
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         self._fd = os.open(path, os.O_RDONLY)
         self.size = os.fstat(self._fd).st_size
 
@@ -93,16 +94,24 @@ class LocalFile:
         ----------
         start, size : int
             Offset and number of the bytes.
+
+        Raises
+        ------
+        OSError
+            If the disk fails; it names the file.
         """
         size = min(size, self.size - start)
         if size <= 0:
             return b""
-        data = os.pread(self._fd, size, start)
-        while len(data) < size:
-            more = os.pread(self._fd, size - len(data), start + len(data))
-            if not more:
-                break
-            data += more
+        try:
+            data = os.pread(self._fd, size, start)
+            while len(data) < size:
+                more = os.pread(self._fd, size - len(data), start + len(data))
+                if not more:
+                    break
+                data += more
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
         return data
 
     def expect(self, start: int, end: int) -> None:

@@ -108,5 +108,8 @@ def write_metadata(bag: Path, information: dict[str, Any]) -> None:
     """
     text = dump_yaml({"rosbag2_bagfile_information": {"version": VERSION, **information}})
     new = bag / f".{NAME}.new"  # not `write_whole`: a folder that was removed must stay so
-    new.write_text(text, encoding="utf-8")
-    new.replace(bag / NAME)
+    try:
+        new.write_text(text, encoding="utf-8")
+        new.replace(bag / NAME)
+    finally:
+        new.unlink(missing_ok=True)  # as the disk is full

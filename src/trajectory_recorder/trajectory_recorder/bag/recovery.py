@@ -5,6 +5,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
+from trajectory_recorder.bag.conversion import common_metadata
 from trajectory_recorder.bag.location import check_apart
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.records import LOST
@@ -22,17 +23,20 @@ class Recovery(NamedTuple):
         Number of messages recovered.
     damage : tuple of BagError
         One error for each chunk, and each file of a split bag, that was left out.
+    complete : bool
+        Whether the new bag is whole: nothing was left out, and the old one was `complete`.
     """
 
     messages: int
     damage: tuple[BagError, ...]
+    complete: bool
 
 
 def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Recovery:
     """Copy what is readable of a bag to a new one that any reader opens.
 
-    Damaged chunks, and damaged files of a split bag, are left out; the new bag's metadata then say
-    so, and it is not whole.
+    Damaged chunks, and damaged files of a split bag, are left out. The metadata of the new bag say
+    so, also where a file was cut off or is missing; it is not whole then.
 
     `BagReader` reads torn bags as they are; this is for other readers, which want the summary that
     a process killed within a write did not finish, and for bags damaged later.
@@ -53,13 +57,14 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
     """
     damage: list[BagError] = []
     with ExitStack() as stack:
-        check_apart(output, bag)
         reader = stack.enter_context(BagReader(bag, damaged=damage.append))
+        check_apart(output, bag)
         messages = reader.messages()
         first = next(messages, None)
         if first is None:
             raise BagError(f"{bag}: no message can be read")
-        writer = stack.enter_context(whole_or_none(BagWriter(output, metadata=reader.metadata)))
+        new = BagWriter(output, metadata=common_metadata([reader]))
+        writer = stack.enter_context(whole_or_none(new))
         ids = {name: writer.add_topic(topic) for name, topic in reader.topics.items()}
         total = sum(topic.count for topic in reader.topics.values())
         for done, message in enumerate(chain([first], messages), start=1):
@@ -70,4 +75,4 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
             lost = f"damaged chunks or files of {bag.name}: {len(damage)}"
             known = writer.metadata.get(LOST)
             writer.metadata[LOST] = f"{known}; {lost}" if known else lost
-        return Recovery(writer.messages, tuple(damage))
+        return Recovery(writer.messages, tuple(damage), reader.complete and not damage)

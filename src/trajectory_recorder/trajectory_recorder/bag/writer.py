@@ -1,10 +1,10 @@
 """Writing of rosbag2 directories (``metadata.yaml`` and MCAP files) without ROS.
 
-A bag that is being written is complete: every `BagWriter.flush` writes the chunks filled since
-the last one *and* the file's summary and footer behind them; the next flush overwrites that
-summary. A process that is killed thus leaves a bag that any reader opens, with everything up to
-the last flush in it. Only a process killed within the write itself leaves an incomplete summary;
-`BagReader` reads such a file up to that place.
+A bag that is being written is complete: every `BagWriter.flush` writes all messages since the
+last one *and* the file's summary and footer behind them; the next flush overwrites that summary. A
+process that is killed thus leaves a bag that any reader opens, with everything up to the last flush
+in it. Only a process killed within the write itself leaves an incomplete summary; `BagReader` reads
+such a file up to that place.
 
 The records are those of https://mcap.dev/spec, the directory that of rosbag2 (metadata version 9).
 """

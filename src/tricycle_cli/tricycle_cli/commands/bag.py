@@ -194,15 +194,23 @@ def run_recover(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
+    from trajectory_recorder.bag.reader import NOT_WHOLE
     from trajectory_recorder.bag.recovery import recover
 
     with progress_bar("recovering") as progress:
-        messages, damage = recover(args.bag, args.output, progress=progress)
-    for chunk in damage:
+        found = recover(args.bag, args.output, progress=progress)
+    for chunk in found.damage:
         print(f"left out: {chunk}", file=sys.stderr)
+    if not found.complete:
+        print(f"{args.bag}: {NOT_WHOLE}", file=sys.stderr)
     if args.json:
-        found = {"bag": str(args.output), "messages": messages, "damaged_chunks": len(damage)}
-        print(json.dumps(found))
+        result = {
+            "bag": str(args.output),
+            "messages": found.messages,
+            "damaged_chunks": len(found.damage),
+            "complete": found.complete,
+        }
+        print(json.dumps(result))
     else:
-        print(f"{messages} messages recovered to {args.output}")
+        print(f"{found.messages} messages recovered to {args.output}")
     return 0

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.argument_types import bag_argument
+from tricycle_cli.argument_types import bag_argument, file_ending_in
 from tricycle_cli.options import (
     BAG_HELP,
     add_overwrite_option,
@@ -46,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLE
     add = parser.add_argument
     add("bags", nargs="+", metavar="BAG", type=bag_argument, help=BAG_HELP)
-    add("--output", type=_gif, default=Path("out/film.gif"), metavar="FILE", help="GIF")
+    gif = file_ending_in(".gif")
+    add("--output", type=gif, default=Path("out/film.gif"), metavar="FILE", help="GIF")
     add_overwrite_option(parser)
     add("--speed", type=_speed, default=3.0, help="seconds of the drive per second")
     add_vehicle_option(parser)
@@ -109,12 +110,6 @@ def _render(args: argparse.Namespace, vehicle: Vehicle, topics: "TopicNames") ->
         "the drive was measured"
     )
     return 0
-
-
-def _gif(text: str) -> Path:
-    if Path(text).suffix != ".gif":
-        raise argparse.ArgumentTypeError(f"{text}: needs to end in .gif")
-    return Path(text)
 
 
 def _speed(text: str) -> float:

@@ -19,7 +19,7 @@ from tricycle_cli.options import (
     add_workers_option,
     check_output_files,
     effects_asked,
-    refuse_given,
+    refuse_topics,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
@@ -29,17 +29,6 @@ from tricycle_core.errors import IdentificationError
 from tricycle_core.optional import check_installed
 from tricycle_sim.vehicle import load_vehicle
 
-TOPIC_OPTIONS = (
-    "pose",
-    "reference",
-    "state",
-    "commands",
-    "imu",
-    "joint_states",
-    "child_frame",
-    "datum",
-)
-"""Options of `add_topic_options`, as they are in the parsed arguments."""
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
 
 EXAMPLE = """\
@@ -295,4 +284,4 @@ def _refuse_what_has_no_effect(args: argparse.Namespace) -> None:
     if needs_table and not any(map(is_table, [*args.drives, *args.held_out])):
         raise IdentificationError("--columns: no drive is a table, which ends in .csv or .csv.gz")
     if needs_table and all(map(is_table, [*args.drives, *args.held_out])):
-        refuse_given(args, TOPIC_OPTIONS, "only for bags; every drive is a table")
+        refuse_topics(args, "only for bags; every drive is a table")

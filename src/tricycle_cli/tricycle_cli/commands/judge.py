@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from parameter_identification.judging.export import PICTURES, ExportFormat
 from parameter_identification.judging.judgement import Anchor
-from tricycle_cli.argument_types import bag_argument
+from tricycle_cli.argument_types import bag_argument, file_ending_in
 from tricycle_cli.options import (
     BAG_HELP,
     add_overwrite_option,
@@ -54,7 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
     add("--json", action="store_true", help="print one JSON object")
-    add("--plot", type=_picture, metavar="FILE", help=f"save a figure ({', '.join(PICTURES)})")
+    add(
+        "--plot",
+        type=file_ending_in(*PICTURES),
+        metavar="FILE",
+        help=f"save a figure ({', '.join(PICTURES)})",
+    )
     add(
         "--export",
         choices=[one.value for one in ExportFormat],
@@ -125,12 +130,6 @@ def run(args: argparse.Namespace) -> int:
         plot(judgements, args.plot)
         print(f"saved {args.plot}", file=sys.stderr)
     return 2 if mistakes else 0
-
-
-def _picture(text: str) -> Path:
-    if Path(text).suffix not in PICTURES:
-        raise argparse.ArgumentTypeError(f"{text}: needs to end in one of {', '.join(PICTURES)}")
-    return Path(text)
 
 
 def _as_json(judgement: Judgement) -> dict[str, Any]:

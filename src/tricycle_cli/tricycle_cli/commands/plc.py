@@ -21,7 +21,7 @@ from tricycle_bridge.protocol.messages import (
 from tricycle_bridge.protocol.readable import fault_names, state_name
 from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_cli.argument_types import nonnegative_number
-from tricycle_cli.options import add_overwrite_option, check_output_files
+from tricycle_cli.options import add_overwrite_option, check_output_files, refuse_given
 from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tricycle_bridge.commissioning.record import StepResult
     from tricycle_bridge.plc_link.link import LinkEvent, PlcLink
 
+RECORD = Path("bring_up.json")
 EXAMPLE = """\
 examples:
   tricycle plc probe /dev/ttyACM0
@@ -87,12 +88,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check.add_argument(
         "--record",
         type=Path,
-        default=Path("bring_up.json"),
         metavar="FILE",
-        help="where the record goes (default: bring_up.json)",
+        help=f"where the record goes (default: {RECORD})",
     )
     check.add_argument(
-        "--vehicle", default="", metavar="FILE", help="vehicle file (default: the shipped tricycle)"
+        "--vehicle", metavar="FILE", help="vehicle file (default: the shipped tricycle)"
     )
     add_overwrite_option(check)
     parser.set_defaults(run=run)
@@ -106,8 +106,11 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
+    if args.what in ("probe", "check"):
+        refuse_given(args, ["seconds"], "only with monitor and stats")
     if args.what == "check":
         return _check(args)
+    refuse_given(args, ("engineer", "record", "vehicle", "overwrite"), "only with check")
     if len(args.ports) != 1:
         raise LinkError(f"plc {args.what} takes one port, not {len(args.ports)}")
 
@@ -152,7 +155,8 @@ def _check(args: argparse.Namespace) -> int:
     if not (args.engineer or "").strip():
         raise LinkError("plc check needs --engineer NAME: somebody signs the record off")
 
-    check_output_files([args.record], args)
+    file: Path = args.record or RECORD
+    check_output_files([file], args)
 
     from tricycle_bridge.commissioning.bring_up import STANDING, STEPS, bring_up
     from tricycle_bridge.commissioning.record import BringUpRecord, write_record
@@ -183,7 +187,7 @@ def _check(args: argparse.Namespace) -> int:
         # also where Ctrl-C ended it: the record of an earlier one must not hold any more
         if firmware:
             record = write_record(
-                args.record,
+                file,
                 BringUpRecord(
                     engineer=args.engineer.strip(),
                     time=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -194,7 +198,7 @@ def _check(args: argparse.Namespace) -> int:
                     settings=dataclasses.asdict(settings),
                 ),
             )
-            print(f"record: {args.record}", file=log)
+            print(f"record: {file}", file=log)
     if args.json:
         print(json.dumps(encode(record)))
     return 0 if record.complete else 1

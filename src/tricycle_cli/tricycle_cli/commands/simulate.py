@@ -19,7 +19,7 @@ from excitation_planner.maneuver import (
     operation_point,
     with_ranges,
 )
-from tricycle_cli.argument_types import at_least, parse_assignments
+from tricycle_cli.argument_types import at_least, file_ending_in, parse_assignments
 from tricycle_cli.options import (
     add_overwrite_option,
     add_range_options,
@@ -92,12 +92,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="draw N vehicles from the unknown's ranges",
     )
-    add("--seed", type=at_least(0), default=0, help="of the draw (default: %(default)s)")
+    add("--seed", type=at_least(0), default=0, help="of the draw")
     add("--output", type=_output, required=True, metavar="FILE", help=", ".join(SUFFIXES))
     add(
         "--plot",
         nargs="?",
-        type=_picture,
+        type=file_ending_in(*PICTURES),
         const=Path(),
         metavar="PICTURE",
         help="save a picture too",
@@ -244,19 +244,10 @@ def _draw(vehicle: Vehicle, samples: int, seed: int) -> FloatArray:
 
 
 def _output(text: str) -> Path:
-    path = Path(text)
-    if path.suffix not in SUFFIXES:
-        raise argparse.ArgumentTypeError(f"{text}: needs to end in one of {', '.join(SUFFIXES)}")
+    path = file_ending_in(*SUFFIXES)(text)
     if path.suffix == ".parquet":
         try:  # also whether it takes this NumPy
             importlib.import_module("pyarrow").array(np.zeros(1))
         except ImportError as error:
             raise argparse.ArgumentTypeError(f"{text}: needs pyarrow: {error}") from None
-    return path
-
-
-def _picture(text: str) -> Path:
-    path = Path(text)
-    if path.suffix not in PICTURES:
-        raise argparse.ArgumentTypeError(f"{text}: needs to end in one of {', '.join(PICTURES)}")
     return path

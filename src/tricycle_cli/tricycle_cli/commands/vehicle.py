@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from tricycle_cli.argument_types import file_ending_in
 from tricycle_cli.completion import HelpFormatter
 from tricycle_cli.console import plain_console
 from tricycle_cli.options import add_overwrite_option, check_output_files
@@ -16,7 +17,7 @@ from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
 from tricycle_core.optional import check_installed
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle import Vehicle, load_vehicle, warnings_about
+from tricycle_sim.vehicle import Vehicle, load_vehicle, parse_vehicle, warnings_about
 
 EXAMPLE = """\
 examples:
@@ -58,7 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check = _verb(verbs, "check", "validate a vehicle file and warn about what is odd")
     _add_file(check)
     check.add_argument(
-        "--draw", type=Path, metavar="PICTURE", help="draw it from above, to scale: SVG, PNG or PDF"
+        "--draw",
+        type=file_ending_in(".svg", ".png", ".pdf"),
+        metavar="PICTURE",
+        help="draw it from above, to scale: SVG, PNG or PDF",
     )
     add_overwrite_option(check)
     check.add_argument("--json", action="store_true", help="print one JSON object")
@@ -73,7 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         verbs, "export-fmu", "write it as an FMU 2.0 for co-simulation that needs no Python"
     )
     _add_file(export)
-    export.add_argument("--output", type=Path, required=True, metavar="OUTPUT", help="FMU to write")
+    fmu = file_ending_in(".fmu")
+    export.add_argument("--output", type=fmu, required=True, metavar="OUTPUT", help="FMU to write")
     add_overwrite_option(export)
     export.set_defaults(run=run_export_fmu)
 
@@ -102,7 +107,8 @@ def run_new(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file exists, there is no terminal to ask at, or the answers do not make a vehicle.
+        If the file exists, there is no terminal to ask at, or the answers do not make a vehicle:
+        nothing is written then.
     """
     from tricycle_cli.new_vehicle import ask, from_answers, from_file
 
@@ -118,6 +124,7 @@ def run_new(args: argparse.Namespace) -> int:
             text = from_answers(ask(input, lambda problem: print(f"  {problem}", file=sys.stderr)))
         except EOFError:
             raise VehicleError("the questions were not answered: nothing is written") from None
+    parse_vehicle(text.encode(), f"{args.output}, not written")
     write_whole(args.output, text)
     command = shlex.join(["tricycle", "vehicle", "check", str(args.output)])
     print(f"{args.output}: written; look at it with: {command}")
@@ -135,12 +142,10 @@ def run_export_fmu(args: argparse.Namespace) -> int:
     Raises
     ------
     VehicleError
-        If the file exists or is named otherwise, or there is no C compiler.
+        If the file exists, or there is no C compiler.
     """
     from tricycle_sim.fmi.export import export_fmu
 
-    if args.output.suffix != ".fmu":
-        raise VehicleError(f"{args.output}: must end in .fmu")
     check_output_files([args.output], args)
     vehicle = load_vehicle(args.file)
     for name in export_fmu(vehicle, args.output):
@@ -198,12 +203,10 @@ def run_check(args: argparse.Namespace) -> int:
 
 
 def _draw(vehicle: Vehicle, args: argparse.Namespace) -> None:
-    from tricycle_cli.reports.vehicle_drawing import SUFFIXES, draw_vehicle
+    from tricycle_cli.reports.vehicle_drawing import draw_vehicle
 
     path: Path = args.draw
     check_installed("matplotlib", "a drawing")
-    if path.suffix not in SUFFIXES:
-        raise VehicleError(f"{path}: must end in {', '.join(SUFFIXES)}")
     check_output_files([path], args)
     draw_vehicle(vehicle, path)
 

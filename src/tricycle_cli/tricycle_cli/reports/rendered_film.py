@@ -52,7 +52,7 @@ def write_rendered_film(
     path : Path
         File that is written.
     speed : float
-        Seconds of the drive per second.
+        Seconds of the drive per second, at least FRAMES times a tick.
     progress : callable
         Called with the number of frames done and of all.
 
@@ -73,10 +73,11 @@ def write_rendered_film(
         view.add_line(np.stack([x, y], axis=1), to_rgb(colour))
     host = Host(rig := EmulatedRig(vehicle, plant=view.plant), settings)
     host.arm()
-    frames, way = [], [(rig.state.x, rig.state.y)]
-    every, ticks = max(1, round(speed / FRAMES / TICK)), tick_count(commands.duration)
+    frames: list[Image.Image] = []
+    way = [(rig.state.x, rig.state.y)]
+    apart, ticks = speed / FRAMES / TICK, tick_count(commands.duration)  # of frames, in ticks
     for tick, _ in enumerate(host.play(commands)):
-        if tick % every == 0:
+        if tick >= round(len(frames) * apart):
             frames.append(Image.fromarray(view.picture()).quantize(COLOURS))
         way.append((rig.state.x, rig.state.y))
         progress(tick + 1, ticks)

@@ -17,6 +17,7 @@ from parameter_identification.identification_file import (
     load_identification_file,
 )
 from parameter_identification.judging.judgement import Judgement, judge_drive
+from trajectory_recorder.bag.location import bag_at
 from tricycle_cli.reports.identification_files import IDENTIFICATION
 from tricycle_cli.reports.result_file import DemoResult
 from tricycle_core.errors import BagError, JudgeError, PlanError, ReportError
@@ -132,8 +133,8 @@ def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive
     if not maneuvers and not identifications:
         raise ReportError(
             f"{folder}: holds no plan (plan.json, plan-1.json, plans/*.json), no bag "
-            f"(metadata.yaml or *.mcap) and no {IDENTIFICATION}, here or up to two directories "
-            "below"
+            f"(metadata.yaml, *.mcap or *.db3) and no {IDENTIFICATION}, here or up to two "
+            "directories below"
         )
     return Run(folder, maneuvers, identifications, left_out)
 
@@ -175,12 +176,9 @@ def _name(plan_file: Path) -> str:
 
 
 def _bags(folder: Path) -> list[Path]:
-    candidates = [folder, *folder.glob("*/"), *folder.glob("*/*/")]
-    return sorted(path for path in candidates if _is_bag(path))
-
-
-def _is_bag(path: Path) -> bool:
-    return (path / "metadata.yaml").exists() or any(path.glob("*.mcap"))
+    folders = [folder, *folder.glob("*/"), *folder.glob("*/*/")]
+    files = [path for one in folders for path in one.glob("*") if path.is_file()]
+    return sorted({bag for path in (*folders, *files) if (bag := bag_at(path)) is not None})
 
 
 def _driven(

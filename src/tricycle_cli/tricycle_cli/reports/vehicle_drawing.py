@@ -16,7 +16,6 @@ from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.kinematics import curvature, steered_wheels
 
 TYRE_WIDTH = 0.25  # of the radius; no constant says it
-SUFFIXES = (".svg", ".png", ".pdf")
 
 
 def draw_vehicle(vehicle: Vehicle, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle.constants import UNKNOWN_PARAMETERS, Vehicle, draw_truth
-from tricycle_sim.vehicle.file import Basis, load_vehicle, vehicle_document
+from tricycle_sim.vehicle.file import Basis, load_vehicle, parse_vehicle, vehicle_document
 from tricycle_sim.vehicle.plausibility import warnings_about
 from tricycle_sim.vehicle.wheels import Wheel
 
@@ -14,6 +14,7 @@ __all__ = [
     "Wheel",
     "draw_truth",
     "load_vehicle",
+    "parse_vehicle",
     "vehicle_document",
     "warnings_about",
 ]

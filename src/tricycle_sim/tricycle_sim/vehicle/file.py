@@ -60,6 +60,24 @@ def load_vehicle(path: Path | None = None) -> Vehicle:
     return _parse(vehicle_document(path), str(path))
 
 
+def parse_vehicle(content: bytes, where: str) -> Vehicle:
+    """Return the vehicle that the content of a file describes.
+
+    Parameters
+    ----------
+    content : bytes
+        Content of a vehicle file.
+    where : str
+        Named first in the message, usually the file.
+
+    Raises
+    ------
+    VehicleError
+        One line that names `where` and the entry, if it is not a complete and valid vehicle.
+    """
+    return _parse(parse_yaml(content, where, VehicleError), where)
+
+
 def vehicle_document(path: Path | None = None) -> Any:
     """Return what a vehicle file holds, not validated, to write another one from it.
 
