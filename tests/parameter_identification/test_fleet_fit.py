@@ -1,5 +1,7 @@
 """Vehicles that share parameters, against the dense problem of all their drives."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -12,6 +14,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.shares import FitSetting
 from parameter_identification.fleet_fit import DriveEvidence, FleetFit
 from parameter_identification.many_drives import begin
 from parameter_identification.vehicle_fit import Variables, VehicleCost, VehicleFit, descend
@@ -158,6 +161,21 @@ def test_what_all_drives_pull_beyond_its_range_is_as_unknown_as_before():
     assert found.beyond.tolist() == [True]
     assert found.shared_covariance[0, 0] == pytest.approx(1.0 / 12.0)
     assert not telling(np.full((4, 2), 0.999)).posterior(0.95).beyond.any()
+
+
+def test_a_parameter_that_no_drive_shows_has_no_evidence():
+    fleet = telling(np.full((4, 3), 0.5))
+    fleet.common = []
+    unknown = {"shown": (0.0, 1.0), "hidden": (0.0, 1.0)}
+    setting = FitSetting(SimpleNamespace(unknown=unknown), (), {}, {})
+    for fit in fleet.fits:
+        fit.setting = setting
+    found = fleet.posterior(0.95)
+    shown, hidden = (found.without_prior([i], 0.95) for i in (0, 1))
+    assert shown.shown == [True] * 4
+    assert shown.covariances == pytest.approx(np.full((4, 1, 1), 0.01**2 / 3))
+    assert hidden.shown == [False] * 4
+    assert hidden.estimates.shape == (0, 1)
 
 
 def drawn(rng, count, *, rate, rate_spread):

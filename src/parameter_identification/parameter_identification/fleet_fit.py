@@ -276,8 +276,10 @@ class FleetPosterior:
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
             narrowed = identifiable(whole[0, 0] ** -0.5)
-            growth, _ = growth_of(fit, level)
             shown.append(bool(narrowed and not self.pulled(i, level)))
+            if not shown[-1]:  # without the prior nothing may be left
+                continue
+            growth, _ = growth_of(fit, level)
             with_prior = np.linalg.inv(self.own_covariance[i][np.ix_(places, places)])
             covariance = np.linalg.inv(with_prior - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]
@@ -285,8 +287,13 @@ class FleetPosterior:
             estimates.append(covariance @ rhs)
             covariances.append(covariance * np.outer(factors, factors))
             common_errors.append(covariance @ with_prior @ self.sensitivity[i][places] @ root)
-        own, of_own, common = (np.array(v)[shown] for v in (estimates, covariances, common_errors))
-        return DriveEvidence(own, of_own, common, shown)
+        v, q, e = len(estimates), len(at), len(self.common)
+        return DriveEvidence(
+            np.reshape(estimates, (v, q)),
+            np.reshape(covariances, (v, q, q)),
+            np.reshape(common_errors, (v, q, e)),
+            shown,
+        )
 
 
 @dataclass(frozen=True, eq=False)
