@@ -133,7 +133,9 @@ def test_it_is_the_dense_problem_of_all_drives(fits):
 
 
 def telling(drives, *, deviation=0.01):
-    """Vehicles whose drives tell of one shared variable, and nothing of another one."""
+    """Vehicles whose drives tell of one shared parameter, and nothing of another one."""
+    unknown = {"shown": (0.0, 1.0), "hidden": (0.0, 1.0)}
+    setting = FitSetting(SimpleNamespace(unknown=unknown), (), {}, {})
     variables = Variables(np.zeros(2), np.ones(2), np.full(2, 0.5), np.eye(2) * 12.0)
     told = deviation**-2
     at = np.append(np.clip(np.mean(drives), 0.0, 1.0), 0.5)
@@ -143,7 +145,7 @@ def telling(drives, *, deviation=0.01):
         prior_gradient = variables.information @ (at - variables.mean)
         information = variables.information + np.diag([told * len(values), 0.0])
         there = VehicleCost(at, 0.0, prior_gradient + slopes.sum(axis=0), information, slopes, ())
-        fits.append(VehicleFit([], None, variables, np.zeros(len(values)), at.copy(), there))
+        fits.append(VehicleFit([], setting, variables, np.zeros(len(values)), at.copy(), there))
     return FleetFit(fits, [0])
 
 
@@ -166,12 +168,8 @@ def test_what_all_drives_pull_beyond_its_range_is_as_unknown_as_before():
 def test_a_parameter_that_no_drive_shows_has_no_evidence():
     fleet = telling(np.full((4, 3), 0.5))
     fleet.common = []
-    unknown = {"shown": (0.0, 1.0), "hidden": (0.0, 1.0)}
-    setting = FitSetting(SimpleNamespace(unknown=unknown), (), {}, {})
-    for fit in fleet.fits:
-        fit.setting = setting
     found = fleet.posterior(0.95)
-    shown, hidden = (found.without_prior([i], 0.95) for i in (0, 1))
+    shown, hidden = (found.without_prior([i]) for i in (0, 1))
     assert shown.shown == [True] * 4
     assert shown.covariances == pytest.approx(np.full((4, 1, 1), 0.01**2 / 3))
     assert hidden.shown == [False] * 4

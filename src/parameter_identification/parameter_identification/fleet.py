@@ -195,9 +195,7 @@ def identify_fleet(
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
         one = result_of(fit, known, (), level, seed, covariance=posterior.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
-    beyond = {
-        name: pulled for i, name in enumerate(files) if (pulled := posterior.pulled(i, level))
-    }
+    beyond = {name: pulled for i, name in enumerate(files) if (pulled := posterior.pulled(i))}
     populated = [name for name in names if name not in (*shared, *own)]
     populations, changes = _populations(
         posterior, list(files), populated, changing, unit / DAY, level
@@ -269,7 +267,7 @@ def _populations(
         at = [list(ranges).index(parameter)]
         if parameter in changing:
             at.append(fit.variables.common + list(changing).index(parameter))
-        evidence = posterior.without_prior(at, level)
+        evidence = posterior.without_prior(at)
         showing = [name for name, shown in zip(vehicles, evidence.shown, strict=True) if shown]
         if len(showing) < MIN_VEHICLES:
             continue
