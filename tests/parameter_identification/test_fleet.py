@@ -2,14 +2,17 @@
 
 import dataclasses
 import json
+import math
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
+from parameter_identification import fleet
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
@@ -177,6 +180,16 @@ def test_times_that_differ_in_no_vehicle_show_no_change(tmp_path, days):
     }
     with pytest.raises(IdentificationError, match="by 60 min or more, of at least 4 vehicles"):
         identify_fleet(bags, VEHICLE, folder=tmp_path / "work", changing=["cornering_stiffness"])
+
+
+def test_a_drive_whose_time_is_not_known_is_named_by_its_bag(monkeypatch):
+    files = {name: [Path(f"{name}.npz"), Path(f"{name}_late.npz")] for name in "abcd"}
+    bags = {Path("bags", file.stem): file for drives in files.values() for file in drives}
+    times = {file: DAY * i for i, file in enumerate(bags.values())} | {files["c"][1]: math.nan}
+    monkeypatch.setattr(fleet, "beginning_of", times.get)
+    with pytest.raises(IdentificationError, match=r"^yaw_inertia: the time .* of bags/c_late$"):
+        fleet._times(files, bags, ["yaw_inertia"])
+    assert math.isnan(fleet._times(files, bags, [])[0])
 
 
 @pytest.mark.parametrize(

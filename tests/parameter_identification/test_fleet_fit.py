@@ -1,5 +1,7 @@
 """Vehicles that share parameters, against the dense problem of all their drives."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -12,6 +14,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.shares import FitSetting
 from parameter_identification.fleet_fit import DriveEvidence, FleetFit
 from parameter_identification.many_drives import begin
 from parameter_identification.vehicle_fit import Variables, VehicleCost, VehicleFit, descend
@@ -130,7 +133,9 @@ def test_it_is_the_dense_problem_of_all_drives(fits):
 
 
 def telling(drives, *, deviation=0.01):
-    """Vehicles whose drives tell of one shared variable, and nothing of another one."""
+    """Vehicles whose drives tell of one shared parameter, and nothing of another one."""
+    unknown = {"shown": (0.0, 1.0), "hidden": (0.0, 1.0)}
+    setting = FitSetting(SimpleNamespace(unknown=unknown), (), {}, {})
     variables = Variables(np.zeros(2), np.ones(2), np.full(2, 0.5), np.eye(2) * 12.0)
     told = deviation**-2
     at = np.append(np.clip(np.mean(drives), 0.0, 1.0), 0.5)
@@ -140,7 +145,7 @@ def telling(drives, *, deviation=0.01):
         prior_gradient = variables.information @ (at - variables.mean)
         information = variables.information + np.diag([told * len(values), 0.0])
         there = VehicleCost(at, 0.0, prior_gradient + slopes.sum(axis=0), information, slopes, ())
-        fits.append(VehicleFit([], None, variables, np.zeros(len(values)), at.copy(), there))
+        fits.append(VehicleFit([], setting, variables, np.zeros(len(values)), at.copy(), there))
     return FleetFit(fits, [0])
 
 
@@ -158,6 +163,17 @@ def test_what_all_drives_pull_beyond_its_range_is_as_unknown_as_before():
     assert found.beyond.tolist() == [True]
     assert found.shared_covariance[0, 0] == pytest.approx(1.0 / 12.0)
     assert not telling(np.full((4, 2), 0.999)).posterior(0.95).beyond.any()
+
+
+def test_a_parameter_that_no_drive_shows_has_no_evidence():
+    fleet = telling(np.full((4, 3), 0.5))
+    fleet.common = []
+    found = fleet.posterior(0.95)
+    shown, hidden = (found.without_prior([i]) for i in (0, 1))
+    assert shown.shown == [True] * 4
+    assert shown.covariances == pytest.approx(np.full((4, 1, 1), 0.01**2 / 3))
+    assert hidden.shown == [False] * 4
+    assert hidden.estimates.shape == (0, 1)
 
 
 def drawn(rng, count, *, rate, rate_spread):

@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from parameter_identification.estimation.population import MIN_VEHICLES, Member,
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
 from parameter_identification.fleet_fit import FleetFit, FleetPosterior
-from parameter_identification.many_bags import read_bags, some_of
+from parameter_identification.many_bags import NAMED, read_bags, some_of
 from parameter_identification.many_drives import ManyDrives, begin, result_of
 from parameter_identification.vehicle_fit import descend, drop_without_inputs
 from tricycle_core.errors import IdentificationError
@@ -171,7 +172,7 @@ def identify_fleet(
         bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
         progress=lambda done, _: tell(done), other_vehicle=other_vehicle,
     )  # fmt: skip
-    when, unit = _times(files, changing)
+    when, unit = _times(files, known, changing)
     fits = begin(
         list(files.values()),
         vehicle,
@@ -194,9 +195,7 @@ def identify_fleet(
     for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
         one = result_of(fit, known, (), level, seed, covariance=posterior.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
-    beyond = {
-        name: pulled for i, name in enumerate(files) if (pulled := posterior.pulled(i, level))
-    }
+    beyond = {name: pulled for i, name in enumerate(files) if (pulled := posterior.pulled(i))}
     populated = [name for name in names if name not in (*shared, *own)]
     populations, changes = _populations(
         posterior, list(files), populated, changing, unit / DAY, level
@@ -268,7 +267,7 @@ def _populations(
         at = [list(ranges).index(parameter)]
         if parameter in changing:
             at.append(fit.variables.common + list(changing).index(parameter))
-        evidence = posterior.without_prior(at, level)
+        evidence = posterior.without_prior(at)
         showing = [name for name, shown in zip(vehicles, evidence.shown, strict=True) if shown]
         if len(showing) < MIN_VEHICLES:
             continue
@@ -297,13 +296,24 @@ def _check_names(
             )
 
 
-def _times(files: Mapping[str, Sequence[Path]], changing: Sequence[str]) -> tuple[float, float]:
+def _times(
+    files: Mapping[str, Sequence[Path]], known: Mapping[Path, Path], changing: Sequence[str]
+) -> tuple[float, float]:
     """Middle of the drives' times [s], and how far the farthest is from it, the unit of rates."""
     times = {name: [beginning_of(file) for file in drives] for name, drives in files.items()}
     every = np.concatenate(list(times.values()))
     when = float(np.mean(every))
+    if changing and math.isnan(when):
+        bags = {file: bag for bag, file in known.items()}
+        began = zip(chain(*files.values()), every, strict=True)
+        timeless = [str(bags[file]) for file, time in began if math.isnan(time)]
+        more = ", …" if len(timeless) > NAMED else ""
+        raise IdentificationError(
+            f"{', '.join(changing)}: the time at which each drive began is needed, and not known "
+            f"of {', '.join(timeless[:NAMED])}{more}"
+        )
     apart = [name for name, own in times.items() if np.ptp(own) >= APART]
-    if changing and (math.isnan(when) or len(apart) < MIN_VEHICLES):
+    if changing and len(apart) < MIN_VEHICLES:
         raise IdentificationError(
             f"{', '.join(changing)}: needs drives at different times, by {APART / 60.0:.0f} min or "
             f"more, of at least {MIN_VEHICLES} vehicles; so are those of: "

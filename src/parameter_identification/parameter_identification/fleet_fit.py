@@ -15,19 +15,21 @@ from parameter_identification.estimation.estimates import estimates_of, identifi
 from parameter_identification.estimation.interval_correction import (
     MIN_DRIVES_FOR_SCATTER,
     beyond_ranges,
+    few_drives_factors,
     pulled_parameters,
     scatter_factors,
     with_prior_variance,
 )
 from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.population import Population, population
+from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.vehicle_fit import (
     VehicleCost,
     VehicleFit,
     descend,
-    growth_of,
 )
+from parameter_identification.vehicle_scatter import VehicleScatter, scatter_of
 from tricycle_core.quantities import FloatArray
 
 TAKEN_OUT = 0.999  # share of a rate's prior: what is left keeps a single drive's rate finite
@@ -144,11 +146,16 @@ class FleetFit:
             clusters = list(arrow.gradient[:, np.newaxis])
             if len(clusters) < MIN_DRIVES_FOR_SCATTER:
                 clusters = [fit.quadratic.slopes for fit in self.fits]
-            slopes = [
-                own[:, arrow.common] + own[:, arrow.own] @ f
-                for own, f in zip(clusters, sensitivity, strict=True)
-            ]
-            _, factors = scatter_factors(covariance, np.concatenate(slopes), prior, level)
+            slopes = np.concatenate(
+                [
+                    own[:, arrow.common] + own[:, arrow.own] @ f
+                    for own, f in zip(clusters, sensitivity, strict=True)
+                ]
+            )
+            if len(slopes) < MIN_DRIVES_FOR_SCATTER:
+                factors = self._factors_of_few(level)
+            else:
+                _, factors = scatter_factors(covariance, slopes, prior, level)
             covariance = covariance * np.outer(factors, factors)
             variables, free = self.fits[0].variables, np.full_like(points, np.inf)
             beyond = beyond_ranges(
@@ -168,7 +175,20 @@ class FleetFit:
             own_covariance=own_covariance,
             sensitivity=sensitivity,
             beyond=beyond,
+            scatters=[scatter_of(fit, level) for fit in self.fits],
         )
+
+    def _factors_of_few(self, level: float) -> FloatArray:
+        """Factors (s,) for what is common, where all vehicles together have few drives."""
+        k = len(self.fits[0].setting.vehicle.unknown)
+        vehicles = []
+        for fit in self.fits:
+            here, before = fit.quadratic, fit.variables.information.copy()
+            before[k:] = 0.0
+            gradient = here.gradient - before @ (here.at - fit.variables.mean)
+            vehicles.append(Quadratic(here.at, here.cost, gradient, here.information - before))
+        _, factors = few_drives_factors(vehicles, k, np.ones(k), level, without=None)
+        return factors[list(self.common)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +211,8 @@ class FleetPosterior:
         Derivatives of the best other variables by the common ones.
     beyond : ndarray of bool, shape (s,)
         True for common variables that all drives together pull beyond their ranges.
+    scatters : sequence of VehicleScatter
+        How the drives of each vehicle scatter.
     """
 
     fits: Sequence[VehicleFit]
@@ -201,6 +223,7 @@ class FleetPosterior:
     own_covariance: FloatArray
     sensitivity: FloatArray
     beyond: NDArray[np.bool_]
+    scatters: Sequence[VehicleScatter]
 
     def covariance(self, i: int) -> FloatArray:
         """Return the covariance (n, n) of the variables of a vehicle.
@@ -238,23 +261,21 @@ class FleetPosterior:
             names=[list(vehicle.unknown)[i] for i in self.common],
         )
 
-    def pulled(self, i: int, level: float) -> tuple[str, ...]:
+    def pulled(self, i: int) -> tuple[str, ...]:
         """Return which of its own parameters the drives of a vehicle pull beyond their ranges.
 
         Parameters
         ----------
         i : int
             Number of the vehicle.
-        level : float
-            Probability of the intervals.
         """
         fit = self.fits[i]
         names, bounds = list(fit.setting.vehicle.unknown), fit.variables
-        factors = growth_of(fit, level)[1][: len(names)]
+        factors = self.scatters[i].factors[: len(names)]
         beyond = pulled_parameters(fit.at, fit.quadratic, factors, bounds.low, bounds.high)
         return tuple(name for j, name in enumerate(names) if beyond[j] and j not in self.common)
 
-    def without_prior(self, at: Sequence[int], level: float) -> "DriveEvidence":
+    def without_prior(self, at: Sequence[int]) -> "DriveEvidence":
         """Return the evidence of the drives alone of a level of each vehicle, and perhaps its rate.
 
         The prior would otherwise count for every vehicle. A vehicle that is held at the end of a
@@ -264,8 +285,6 @@ class FleetPosterior:
         ----------
         at : sequence of int
             Places of the variables.
-        level : float
-            Probability of the intervals.
         """
         variables = self.fits[0].variables
         prior = np.diag(variables.information)[list(at)].copy()
@@ -273,20 +292,26 @@ class FleetPosterior:
         places = np.searchsorted(self.own, at)
         estimates, covariances, common_errors, shown = [], [], [], []
         root = np.linalg.cholesky(self.shared_covariance)
-        for i, fit in enumerate(self.fits):
+        for i in range(len(self.fits)):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
             narrowed = identifiable(whole[0, 0] ** -0.5)
-            growth, _ = growth_of(fit, level)
-            shown.append(bool(narrowed and not self.pulled(i, level)))
+            shown.append(bool(narrowed and not self.pulled(i)))
+            if not shown[-1]:  # without the prior nothing may be left
+                continue
             with_prior = np.linalg.inv(self.own_covariance[i][np.ix_(places, places)])
             covariance = np.linalg.inv(with_prior - np.diag(prior))
-            factors = np.fmax(growth, 1.0)[list(at)]
+            factors = self.scatters[i].factors[list(at)]
             rhs = with_prior @ self.at[i, at] - prior * variables.mean[list(at)]
             estimates.append(covariance @ rhs)
             covariances.append(covariance * np.outer(factors, factors))
             common_errors.append(covariance @ with_prior @ self.sensitivity[i][places] @ root)
-        own, of_own, common = (np.array(v)[shown] for v in (estimates, covariances, common_errors))
-        return DriveEvidence(own, of_own, common, shown)
+        v, q, e = len(estimates), len(at), len(self.common)
+        return DriveEvidence(
+            np.reshape(estimates, (v, q)),
+            np.reshape(covariances, (v, q, q)),
+            np.reshape(common_errors, (v, q, e)),
+            shown,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from tricycle_core.errors import ExcitationError, IdentificationError, naming
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
-NAMED = 3  # bags left out in a message
+NAMED = 3  # bags in a message, of many that are at fault
 
 
 def read_bags(

@@ -9,8 +9,8 @@ evenly chosen, give the start and the noise, which is taken to be the same in al
 
 More drives make the standard deviations smaller, but not what the model lacks. Where the drives
 scatter more than their noise explains, the deviations are therefore those of this scatter
-(cluster-robust; Liang and Zeger, Biometrika 73, 1986); and the drives whose residuals are not white
-are counted.
+(cluster-robust; Liang and Zeger, Biometrika 73, 1986; of fewer than ten drives those of
+`vehicle_scatter`); and the drives whose residuals are not white are counted.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,8 +43,8 @@ from parameter_identification.vehicle_fit import (
     VehicleFit,
     descend,
     drop_without_inputs,
-    growth_of,
 )
+from parameter_identification.vehicle_scatter import scatter_of
 from parameter_identification.workers import each
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
@@ -317,7 +317,6 @@ def result_of(
         Over subsets of the effects.
     """
     quadratic, setting, at = fit.quadratic, fit.setting, fit.at
-    growth, factors = growth_of(fit, level)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
@@ -325,17 +324,18 @@ def result_of(
     k, vehicle, bounds = len(setting.vehicle.unknown), setting.vehicle, fit.variables
     width = np.array([high - low for low, high in vehicle.unknown.values()])
     mixture = None if average is None else average.mixture
-    drives = quadratic.shares
+    drives, scatter = quadratic.shares, scatter_of(fit, level, covariance)
     correction = corrected(
         at,
         quadratic,
         covariance,
-        factors,
+        scatter.factors,
         bounds.prior_covariance[:k, :k],
         (bounds.low, bounds.high),
         average=mixture,
-        scatter=float(growth[:k].max()),
-        wrong=not few_coloured(sum(not share.white for share in drives), len(drives)),
+        scatter=float(scatter.ratio[:k].max()),
+        wrong=scatter.missed
+        or not few_coloured(sum(not share.white for share in drives), len(drives)),
     )
     covariance = correction.covariance
     std = np.sqrt(np.diag(covariance))

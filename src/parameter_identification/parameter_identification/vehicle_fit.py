@@ -16,7 +16,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.kept import load_kept
-from parameter_identification.estimation.interval_correction import scatter_factors
 from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.shares import (
     DriveShare,
@@ -353,18 +352,3 @@ def descend(
                 lengths[i] *= SHORTENED
     whose = f"{', '.join(names[i] for i in lengths)}: " if names else ""
     raise IdentificationError(f"{whose}no minimum after {PASSES} passes over the drives")
-
-
-def growth_of(fit: VehicleFit, level: float) -> tuple[FloatArray, FloatArray]:
-    """Return the two factors (n,) of `scatter_factors` for the drives' scatter.
-
-    Parameters
-    ----------
-    fit : VehicleFit
-        At the best fit.
-    level : float
-        Probability of the intervals.
-    """
-    return scatter_factors(
-        fit.quadratic.covariance(), fit.quadratic.slopes, fit.variables.information, level
-    )

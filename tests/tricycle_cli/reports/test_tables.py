@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import math
 import re
 from pathlib import Path
 
@@ -226,6 +227,29 @@ def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
     assert line.endswith(": 1 (torn)")
     (line,) = (line for line in remarks_on_fleet(fleet_of(vehicle)) if "not whole" in line)
     assert line.endswith(": 1 (red/torn)")
+
+
+@pytest.mark.parametrize(
+    ("drives", "alike"), [(3, "and as much again for what errs"), (10, "not what errs")]
+)
+def test_drives_that_contradict_each_other_are_told_drive_by_drive_too(drives, alike):
+    vehicle = found_in(*(share(f"drive {i}") for i in range(drives)))
+    assert not any("contradict" in line for line in remarks_on_many(vehicle))
+    vehicle = dataclasses.replace(vehicle, scatter=12.34)
+    (line,) = (line for line in remarks_on_many(vehicle) if "contradict" in line)
+    assert "up to 12.3 times as much as their noise" in line
+    assert alike in line
+
+
+def test_vehicles_whose_drives_contradict_each_other_are_named_the_worst_first():
+    vehicle = found_in(share("one"), share("other"))
+    scatter = {"red": 2.5, "green": 1.0, "alone": math.nan, "blue": 12.34}
+    vehicles = {name: dataclasses.replace(vehicle, scatter=s) for name, s in scatter.items()}
+    fleet = dataclasses.replace(fleet_of(vehicle), vehicles=vehicles)
+    (line,) = (line for line in remarks_on_fleet(fleet) if "contradict" in line)
+    assert line.startswith("the drives of 2 of 4 vehicles contradict each other (blue, red): ")
+    assert "up to 12.3 times" in line
+    assert not any("contradict" in line for line in remarks_on_fleet(fleet_of(vehicle)))
 
 
 def test_drives_with_another_vehicle_file_are_told():

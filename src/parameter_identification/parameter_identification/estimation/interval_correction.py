@@ -4,12 +4,14 @@ n: variables, k of them parameters.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, stdtrit
 
+from excitation_planner.design.prior import BoxPrior
 from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.optimum import Optimum
@@ -20,17 +22,18 @@ from tricycle_core.quantities import FloatArray
 MIN_DRIVES_FOR_SCATTER = 10  # drives from which their scatter is an estimate
 CONTRADICTING = 2.0  # times their noise by which drives scatter that contradict each other
 AGREEING = 0.01  # chance of a scatter of fewer drives from which it is taken for noise
+LEAST_DEGREES = 0.5  # of freedom from which drives tell their scatter about a line
 PULL = 3.0  # standard deviations by which data may pull a parameter beyond the end of its range
 
 
-def student_factor(degrees: int, level: float) -> float:
+def student_factor(degrees: float, level: float) -> float:
     """Return by how much an interval is wider where its deviation is estimated from few numbers.
 
     The quantile of Student's distribution over that of the normal one.
 
     Parameters
     ----------
-    degrees : int
+    degrees : float
         Degrees of freedom of the deviation.
     level : float
         Probability of the interval.
@@ -74,10 +77,29 @@ def scatter_factors(
     return growth, np.where(growth > 1.0, growth * student_factor(count - 1, level), 1.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """Which of k parameters change linearly in time, each at a rate of its own.
+
+    Attributes
+    ----------
+    since : ndarray of float, shape (d,)
+        Time of each drive, in units of the rates.
+    changing : tuple of int
+        Numbers of these r parameters.
+    information : float
+        Inverse variance of a rate before the drives.
+    """
+
+    since: FloatArray
+    changing: tuple[int, ...]
+    information: float
+
+
 def heterogeneity_factors(
-    estimates: FloatArray, variances: FloatArray, level: float
+    estimates: FloatArray, variances: FloatArray, level: float, trend: Trend | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return two factors (k,) for the scatter of a few drives; 1 where it may be noise.
+    """Return two factors (k + r,) for the scatter of a few drives; 1 where it may be noise.
 
     The first is the ratio of the deviations of their mean by the scatter and by the noise. The
     second, for intervals, counts two things more. Drives that contradict each other show that the
@@ -85,12 +107,17 @@ def heterogeneity_factors(
     large as what scatters, so that the interval is one for a further drive. And a few drives do not
     tell their scatter well: a normal interval becomes as wide as one by Student's distribution.
 
+    Of a parameter that changes, the drives scatter about a line. What they err by alike does not
+    change its slope, the rate.
+
     Parameters
     ----------
     estimates, variances : ndarray of float, shape (d, k)
         By each drive alone.
     level : float
         Probability of the intervals.
+    trend : Trend, optional
+        Times and the r parameters that change; their rates are the last entries. Default: none.
 
     References
     ----------
@@ -99,17 +126,28 @@ def heterogeneity_factors(
     137-159, Eq. 12, with d - 1 degrees of freedom instead of d - 2, which two drives do not have.
     """
     d, k = estimates.shape
-    weights = 1.0 / variances
-    total = weights.sum(axis=0)
-    squares = np.sum(
-        weights * (estimates - np.sum(weights * estimates, axis=0) / total) ** 2, axis=0
-    )
-    of_scatter = (squares - (d - 1)) / (total - np.sum(weights**2, axis=0) / total)
-    of_scatter = np.where(chdtrc(d - 1, squares) * k < AGREEING, np.fmax(of_scatter, 0.0), 0.0)
-    of_mean = 1.0 / np.sum(1.0 / (variances + of_scatter), axis=0)
-    factors = np.sqrt(total * (of_mean + of_scatter))
-    factors[of_scatter > 0.0] *= student_factor(d - 1, level)
-    return np.sqrt(total * of_mean), factors
+    changing = () if trend is None else trend.changing
+    ratio, factors = np.ones((2, k + len(changing)))
+    for i, (found, variance) in enumerate(zip(estimates.T, variances.T, strict=True)):
+        design, before, places = np.ones((d, 1)), np.zeros((1, 1)), [i]
+        if trend is not None and i in changing:
+            design = np.column_stack([np.ones(d), trend.since])
+            before = np.diag([0.0, trend.information])
+            places.append(k + changing.index(i))
+        weights = 1.0 / variance
+        by_noise = np.linalg.inv(design.T * weights @ design + before)
+        fitted = design @ by_noise @ (design.T * weights)
+        degrees = d - float(np.trace(fitted))
+        squares = found @ (weights * (found - fitted @ found))
+        if degrees < LEAST_DEGREES or chdtrc(degrees, squares) * k >= AGREEING:
+            continue
+        of_scatter = (squares - degrees) / float(weights @ (1.0 - np.diag(fitted)))
+        by_scatter = np.linalg.inv(design.T / (variance + of_scatter) @ design + before)
+        alike = np.where(np.array(places) == i, of_scatter, 0.0)
+        ratio[places] = np.sqrt(np.diag(by_scatter) / np.diag(by_noise))
+        factors[places] = np.sqrt((np.diag(by_scatter) + alike) / np.diag(by_noise))
+        factors[places] *= student_factor(max(degrees, 1.0), level)
+    return ratio, factors
 
 
 def jackknife_factors(
@@ -135,6 +173,53 @@ def jackknife_factors(
     d = len(estimates)
     ratio = math.sqrt(d - 1) * np.std(estimates, axis=0) / std
     return ratio, np.fmax(ratio * math.sqrt(d + 1) * student_factor(d - 1, level), 1.0)
+
+
+def few_drives_factors(
+    drives: Iterable[Quadratic],
+    k: int,
+    std: FloatArray,
+    level: float,
+    *,
+    without: FloatArray | None,
+    trend: Trend | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return two factors (k + r,) for the scatter of two or more, but few drives.
+
+    The first is the ratio of the deviations by the scatter and by the noise, the second is that for
+    intervals (`heterogeneity_factors`, `jackknife_factors`).
+
+    Parameters
+    ----------
+    drives : iterable of Quadratic
+        Cost of each drive near the fit, without what is known of the parameters before: an earlier
+        identification would draw all drives to the same values, so that none could contradict
+        another. Its first k variables are the parameters; of each drive's own variables and of
+        effects the priors are included.
+    k : int
+        Number of parameters.
+    std : ndarray of float, shape (k + r,)
+        Deviations by the noise, of parameters and then of rates.
+    level : float
+        Probability of the intervals.
+    without : ndarray of float, shape (d, k + r), optional
+        Parameters and rates without each drive, if the drives miss each other.
+    trend : Trend, optional
+        Times and the r parameters that change. Default: none.
+    """
+    ranges, estimates, variances = BoxPrior.uniform(k), [], []
+    for drive in drives:
+        information, gradient = drive.information.copy(), drive.gradient.copy()
+        information[:k, :k] += ranges.information
+        gradient[:k] += ranges.information @ (drive.at[:k] - ranges.mean)
+        alone = Quadratic(drive.at, drive.cost, gradient, information)
+        estimates.append(alone.minimum()[:k])
+        variances.append(np.diag(alone.covariance())[:k])
+    ratio, factors = heterogeneity_factors(np.array(estimates), np.array(variances), level, trend)
+    if without is not None:
+        changed, more = jackknife_factors(without, std, level)
+        ratio, factors = np.fmax(ratio, changed), np.fmax(factors, more)
+    return ratio, factors
 
 
 def beyond_ranges(
@@ -360,11 +445,13 @@ def interval_correction(
     elif len(problem.models) > 1:
         acting = at != 0.0  # other effects are held there
         acting[:k] = True
-        scatter, factors[:k] = heterogeneity_factors(*problem.by_each_drive(at, acting), level)
-        if missing is not None:
-            std = np.sqrt(np.diag(optimum.covariance)[:k])
-            ratio, more = jackknife_factors(missing, std, level)
-            scatter, factors[:k] = np.fmax(scatter, ratio), np.fmax(factors[:k], more)
+        scatter, factors[:k] = few_drives_factors(
+            problem.by_each_drive(at, acting),
+            k,
+            np.sqrt(np.diag(optimum.covariance)[:k]),
+            level,
+            without=missing,
+        )
     if least is not None:
         std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])
         factors[:k] *= np.fmax(least / std, 1.0)

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.choice import Choice
-from excitation_planner.design.prior import BoxPrior
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
@@ -252,33 +251,25 @@ class LeastSquares(Closing):
             slope[own] += self._precision[own - self.k] * v[own]
         return slopes
 
-    def by_each_drive(
-        self, v: FloatArray, free: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the parameters by each drive alone and their variances, both (d, k): one step.
-
-        Before a drive only the ranges are known of the parameters: an earlier identification would
-        draw all drives to the same values, so that none could contradict another.
+    def by_each_drive(self, v: FloatArray, free: NDArray[np.bool_]) -> Iterator[Quadratic]:
+        """Yield the cost of each drive near variables, without what is known of the parameters.
 
         Parameters
         ----------
         v : ndarray of float, shape (n,)
             Variables, near the minima.
         free : ndarray of bool, shape (n,)
-            True for variables that are estimated: the parameters, and others.
+            True for variables that are estimated: the parameters, and others. The cost of a drive
+            is one of those that it has, the parameters first.
         """
-        prior, estimates, variances = self._prior_gram(v), [], []
-        ranges = BoxPrior.uniform(self.k)
-        prior[: self.k, : self.k] = ranges.information
-        prior[: self.k, -1] = ranges.information @ (v[: self.k] - ranges.mean)
+        prior = self._prior_gram(v)
+        prior[: self.k], prior[:, : self.k] = 0.0, 0.0
         for gram, at in zip(
             self._grams(self.predictions(v), self.noise), self._places, strict=True
         ):
-            own, both = at[free[at]], gram + prior
-            covariance = np.linalg.inv(both[np.ix_(own, own)])
-            estimates.append((v[own] - covariance @ both[own, -1])[: self.k])
-            variances.append(np.diag(covariance)[: self.k])
-        return np.array(estimates), np.array(variances)
+            own = at[free[at]]
+            places = np.append(own, self.n)
+            yield Quadratic.of_gram(v[own], (gram + prior)[np.ix_(places, places)])
 
     def by_the_others(
         self, v: FloatArray, free: NDArray[np.bool_]

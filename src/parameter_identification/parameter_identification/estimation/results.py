@@ -287,7 +287,7 @@ class IdentifiedParameters:
         Covariance of the estimates, in their units.
     scatter : float
         Largest ratio of a standard deviation by the drives' scatter to that by the noise; NaN for
-        too few drives. Far above 1 the drives contradict each other: the model lacks something.
+        one drive. Far above 1 the drives contradict each other: the model lacks something.
     truth : mapping of str to float
         True parameters, where the drives were simulated and all have the same.
     level : float

@@ -198,6 +198,7 @@ def _document(fleet: Fleet) -> dict[str, Any]:
             name: {
                 "drives": len(found.drives),
                 "not_white": found.not_white,
+                "scatter": finite_or_none(found.scatter),
                 "parameters": encode(dict(found.parameters)),
             }
             for name, found in fleet.vehicles.items()

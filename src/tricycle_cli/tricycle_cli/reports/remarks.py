@@ -178,6 +178,30 @@ def _contradictions(found: Identification | ManyDrives, drives: str) -> list[str
     ]
 
 
+def _contradictions_in_vehicles(fleet: Fleet) -> list[str]:
+    """A line where drives of vehicles disagree."""
+    from parameter_identification.estimation.interval_correction import (
+        CONTRADICTING,
+        MIN_DRIVES_FOR_SCATTER,
+    )
+
+    scatter = {
+        name: found.scatter
+        for name, found in fleet.vehicles.items()
+        if found.scatter > CONTRADICTING
+    }
+    if not scatter:
+        return []
+    worst = sorted(scatter, key=lambda name: -scatter[name])
+    return [
+        f"the drives of {len(scatter)} of {len(fleet.vehicles)} vehicles contradict each other "
+        f"({_some(worst)}): they scatter up to {scatter[worst[0]]:.1f} times as much as their "
+        f"noise. The intervals count the scatter, and of fewer than {MIN_DRIVES_FOR_SCATTER} "
+        "drives as much again for what errs alike in all of a vehicle. One vehicle in a hundred "
+        "does so by chance"
+    ]
+
+
 def _some(names: Sequence[str]) -> str:
     """The first names, and whether there are more."""
     more = ", …" if len(names) > MOST_MEMBERS else ""
@@ -312,6 +336,7 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
             f"residuals of {fleet.not_white} of all {fleet.drives} drives are NOT white: the model "
             "lacks something, or vehicles differ in what they are said to share"
         )
+    lines += _contradictions_in_vehicles(fleet)
     lines += _not_whole(
         [
             f"{name}/{drive.name}"
