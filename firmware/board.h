@@ -63,6 +63,7 @@ struct board {
 	uint8_t commanded_brake;
 	uint8_t gear;
 	bool command_limited;
+	bool braking; /* armed, from a command with a brake on until rest */
 	bool holding; /* armed, at rest with the brake on */
 	int32_t ceiling;    /* 0.01 mm/s, of a motor that holds the vehicle */
 	int32_t lagging;    /* 0.01 mm/s, measured speed behind a lag */

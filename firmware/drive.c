@@ -140,7 +140,7 @@ void board_begin_tick(struct plc *plc, uint32_t now)
 
 static int32_t target_of(const struct board *board)
 {
-	if (board->gear != board->commanded_gear || board->gear == GEAR_NEUTRAL)
+	if (board->braking || board->gear != board->commanded_gear || board->gear == GEAR_NEUTRAL)
 		return 0;
 	return (board->gear == GEAR_REVERSE ? -100L : 100L) * board->target;
 }
@@ -205,18 +205,22 @@ void board_armed(struct plc *plc)
 {
 	plc->board.setpoint = 0;
 	plc->board.ceiling = plc->board.lagging = 0;
-	plc->board.holding = false;
+	plc->board.braking = plc->board.holding = false;
+}
+
+/* A stop does not push: it goes on from the speed, where the vehicle is slower than wanted. */
+static void begin_at_speed(struct board *board)
+{
+	board->setpoint = clamp(100L * board->speed, board->setpoint < 0 ? board->setpoint : 0,
+				board->setpoint > 0 ? board->setpoint : 0);
 }
 
 void board_disarmed(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
-	int32_t speed = 100L * board->speed;
 	(void)now;
-	board->holding = false;
-	/* a stop does not push: it begins at the speed, where the vehicle was slower than wanted */
-	board->setpoint = clamp(speed, board->setpoint < 0 ? board->setpoint : 0,
-				board->setpoint > 0 ? board->setpoint : 0);
+	board->braking = board->holding = false;
+	begin_at_speed(board);
 }
 
 bool board_holds(const struct plc *plc)
@@ -241,11 +245,21 @@ void board_take_command(struct plc *plc, const void *payload)
 				 board->commanded_brake != command.brake || !known_gear;
 }
 
-/* Follows its command, and holds where that is to stand. */
+/* Ramps down; the brake joins where the vehicle cannot follow the ramp or the ramp is over, and stays. */
+static void stop(struct board *board, uint16_t deceleration)
+{
+	board->setpoint = slew(board->setpoint, 0, larger(deceleration, STOPPING_DECELERATION));
+	if (board->setpoint == 0 || magnitude(100L * board->speed - board->setpoint) > EXCESS)
+		board->brake = (uint8_t)clamp(board->brake + STOPPING_BRAKE_RATE, 0, MAX_BRAKE);
+}
+
+/* Follows its command, and holds where that is to stand. A commanded brake stops the vehicle without
+ * the motor: against a brake, torque and pulses cannot be compared, and the comparison begins at rest. */
 static void follow(struct plc *plc)
 {
 	struct board *board = &plc->board;
 	bool stands = at_rest(plc) && board->setpoint == 0;
+	board->braking = board->commanded_brake || (board->braking && !stands);
 	if (board->commanded_gear != board->gear && stands) {
 		board->gear = board->commanded_gear;
 		/* both look in the direction of the gear: what holds on a slope goes on */
@@ -253,20 +267,16 @@ static void follow(struct plc *plc)
 		wheel_restart(&board->wheel);
 	}
 	int32_t target = target_of(board);
-	board->setpoint = slew(board->setpoint, target, board->acceleration_limit);
 	/* the brake may slip: what holds goes on until there is a target */
 	board->holding = target == 0 && (stands || board->holding);
-	board->brake = board->holding ? MAX_BRAKE : board->commanded_brake;
-}
-
-/* Ramps down; the brake joins where the motor cannot follow the ramp or the ramp is over, and stays. */
-static void stop(struct board *board)
-{
-	const uint16_t most = board->in_force.max_acceleration;
-	board->setpoint =
-		slew(board->setpoint, 0, most > STOPPING_DECELERATION ? most : STOPPING_DECELERATION);
-	if (board->setpoint == 0 || magnitude(100L * board->speed - board->setpoint) > EXCESS)
-		board->brake = (uint8_t)clamp(board->brake + STOPPING_BRAKE_RATE, 0, MAX_BRAKE);
+	if (board->holding || !board->braking) {
+		board->setpoint = slew(board->setpoint, target, board->acceleration_limit);
+		board->brake = board->holding ? MAX_BRAKE : 0;
+	} else {
+		begin_at_speed(board);
+		stop(board, board->acceleration_limit);
+		board->brake = (uint8_t)larger(board->brake, board->commanded_brake);
+	}
 }
 
 void board_control(struct plc *plc)
@@ -277,14 +287,14 @@ void board_control(struct plc *plc)
 	if (armed) {
 		follow(plc);
 	} else if (stopping) {
-		stop(board);
+		stop(board, board->in_force.max_acceleration);
 	} else {
 		board->setpoint = 0;
 		board->brake = MAX_BRAKE;
 		board->gear = GEAR_NEUTRAL;
 	}
-	board->motor_on =
-		(armed || stopping) && board->gear != GEAR_NEUTRAL && !board->holding;
+	board->motor_on = (armed || stopping) && board->gear != GEAR_NEUTRAL && !board->holding &&
+			  !board->braking;
 }
 
 void board_send_state(struct plc *plc, uint32_t now)

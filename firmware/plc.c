@@ -279,7 +279,7 @@ static void greet(struct plc *plc, const uint8_t *header, const struct hello *he
 	plc->rx_seq = header[SEQ_BYTE];
 	plc->rx_seq_known = true;
 	plc->session = header[SESSION_BYTE];
-	plc->commanded = false;
+	plc->commanded = plc->enabled = false;
 	plc->operated = false;
 	forget_setup(plc);
 	struct hello_ack ack = {

@@ -11,7 +11,7 @@ from tricycle_bridge.arming import (
     arming_refusal,
     board_condition,
 )
-from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.plc_link.operations import OperationOutcome
 from tricycle_bridge.protocol.messages import Board, Op, PlcState, Result
 from tricycle_sim.plc import DriveMeasurement, SteerMeasurement
@@ -34,6 +34,35 @@ def test_arming_needs_no_commander(vehicle):
     assert vehicle.arm() == (True, "armed")
     vehicle.step(500)
     assert vehicle.bridge.armed  # at rest, until somebody commands
+
+
+@pytest.mark.parametrize("begins", [1, 4, 6])
+def test_a_speed_that_is_commanded_while_the_boards_arm_ends_the_arming(vehicle, begins):
+    vehicle.bridge.arm(vehicle.now, vehicle.outcomes.append)
+    vehicle.step(begins)
+    assert not vehicle.outcomes
+    vehicle.target = (0.0, 1.5)
+    vehicle.step()
+    assert vehicle.outcomes == [(False, "not armed: commanded speed is 1.50 m/s, must be 0")]
+    vehicle.step(100)
+    assert vehicle.warnings == ["stopped: commanded speed is 1.50 m/s, must be 0"]
+    assert {plc.state for plc in vehicle.plcs.values()} == {PlcState.SAFE}
+    assert vehicle.travel == 0.0
+    vehicle.target = (0.0, 0.0)
+    vehicle.step()
+    assert vehicle.arm() == (True, "armed")
+
+
+def test_a_speed_of_before_the_request_that_comes_late_does_not_end_the_arming(vehicle):
+    vehicle.target = None
+    vehicle.step(20)
+    vehicle.bridge.arm(vehicle.now, vehicle.outcomes.append)
+    moving = VehicleCommand(0.0, 1.5)
+    stamp, now = vehicle.now - 0.05, vehicle.now + 0.001
+    vehicle.bridge.set_command(moving, stamp=stamp, now=now, source=Source.JOINT_COMMANDS)
+    vehicle.step(30)
+    assert vehicle.outcomes == [(True, "armed")]
+    assert vehicle.travel == 0.0
 
 
 def _moving(v):
@@ -316,13 +345,3 @@ def test_a_vehicle_stands_until_both_boards_are_armed_whatever_is_commanded(vehi
         assert vehicle.measured[DRIVE].speed == 0.0
     assert vehicle.target == (0.3, 1.0)
     assert not vehicle.outcomes[0].armed
-
-
-def test_a_commander_that_starts_while_arming_is_followed_once_armed(vehicle):
-    vehicle.bridge.arm(vehicle.now, vehicle.outcomes.append)
-    vehicle.step(2)
-    vehicle.target = (0.0, 0.5)
-    vehicle.step(30)
-    assert vehicle.outcomes == [(True, "armed")]
-    vehicle.step(100)
-    assert vehicle.measured[DRIVE].speed == pytest.approx(0.5)

@@ -158,6 +158,58 @@ def test_a_parameter_file_that_contradicts_the_arguments_or_is_none_is_told(tmp_
         launched_nodes("vehicle.launch.py", params_file=str(tmp_path / "none.yaml"))
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "second: {maneuver_driver: {ros__parameters: {hold_timeout: 0.5}}}",
+        "/second: {/inner: {maneuver_driver: {ros__parameters: {hold_timeout: 0.5}}}}",
+        "/**: {ros__parameters: {hold_timeout: 0.5}}",
+        "/second/*: {ros__parameters: {hold_timeout: 0.5}}",
+    ],
+)
+def test_what_a_file_sets_in_a_namespace_is_seen_too(tmp_path, text):
+    own = tmp_path / "own.yaml"
+    own.write_text(text)
+    with pytest.raises(NodeError, match="hold_timeout of maneuver_driver: set by a launch"):
+        launched_nodes("vehicle.launch.py", params_file=str(own), hold_timeout="0.25")
+
+
+def test_quality_of_service_may_be_written_in_one_name_and_in_a_namespace(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        "second:\n  maneuver_driver:\n    ros__parameters:\n"
+        "      qos_overrides./odom.subscription.depth: 7\n"
+    )
+    nodes = launched_nodes("vehicle.launch.py", params_file=str(own), namespace="second")
+    (driver,) = (node["parameters"] for node in nodes if node["executable"] == "maneuver_driver")
+    assert driver["qos_overrides./second/odom.subscription.depth"] == 7
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("", r"is nothing, must be a mapping as `/\*\*/maneuver_driver: "),
+        ("# all of it commented out\n", "is nothing, must be a mapping"),
+        ("- a", r"is \['a'\], must be a mapping"),
+        ("maneuver_driver: 3", "maneuver_driver: is 3, must be a mapping"),
+        ("maneuver_driver:", "maneuver_driver: is nothing, must be a mapping"),
+        ("maneuver_driver: {hold_timeout: 0.5}", "maneuver_driver/hold_timeout: is 0.5, must be"),
+        (
+            "maneuver_driver: {ros__parameters: [1]}",
+            r"maneuver_driver: ros__parameters is \[1\], must be",
+        ),
+        ("ros__parameters: {hold_timeout: 0.5}", "ros__parameters: must be below the name"),
+        ("3: {ros__parameters: x}", "3: ros__parameters is 'x', must be a mapping of names"),
+    ],
+)
+def test_a_parameter_file_that_is_no_mapping_is_told_in_one_line(tmp_path, text, fault):
+    own = tmp_path / "own.yaml"
+    own.write_text(text)
+    with pytest.raises(NodeError, match=rf"own\.yaml: {fault}") as caught:
+        launched_nodes("vehicle.launch.py", params_file=str(own))
+    assert "\n" not in str(caught.value)
+
+
 def test_the_vehicle_never_starts_the_simulation_nor_arms_by_itself():
     nodes = launched_nodes("vehicle.launch.py", odom_topic="/localization/odometry")
     assert "tricycle_sim" not in {node["executable"] for node in nodes}

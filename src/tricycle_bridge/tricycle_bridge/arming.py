@@ -79,9 +79,20 @@ def arming_refusal(
     speed = measured_speed(links[Board.DRIVE], now)
     if speed is not None and abs(speed) >= ARMING_SPEED:
         return f"the vehicle moves at {speed:.2f} m/s"
-    if command is not None and command.speed != 0.0:
-        return f"commanded speed is {command.speed:.2f} m/s, must be 0"
-    return None
+    return waiting_speed(command)
+
+
+def waiting_speed(command: VehicleCommand | None) -> str | None:
+    """Return that a command asks for a speed, which an armed vehicle would have at once; else None.
+
+    Parameters
+    ----------
+    command : VehicleCommand or None
+        Newest command of the commander; None without a fresh one.
+    """
+    if command is None or command.speed == 0.0:
+        return None
+    return f"commanded speed is {command.speed:.2f} m/s, must be 0"
 
 
 def _link_refusal(link: PlcLink, now: float, *, enabled: bool) -> str | None:

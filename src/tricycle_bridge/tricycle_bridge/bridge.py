@@ -18,6 +18,7 @@ from tricycle_bridge.arming import (
     board_condition,
     fresh_state,
     measured_speed,
+    waiting_speed,
 )
 from tricycle_bridge.commands.board_commands import (
     board_setup,
@@ -267,6 +268,9 @@ class Bridge:
         if refusal is None:
             if command is None:
                 self._withdraw(f"by {commander}")
+            # the boards are sent standstill until both are armed, and cannot see it
+            if self._arming is not None and (reason := waiting_speed(self.commands.newest(now))):
+                self._withdraw(reason)
             self._send_commands(now)
         return refusal
 

@@ -124,7 +124,7 @@ class BridgeNode(LifecycleNode):
         self._armed = publisher(Bool, ARMED_TOPIC, LATCHED)
         simulated = self._simulated = self.get_parameter("use_sim_time").value
         # of the computer's clock, which may be set while the vehicle moves, only stamps depend
-        self._host_clock = None if simulated else HostClock(self._ros_now(), time.monotonic())
+        self._host_clock = None if simulated else HostClock(self._ros_now)
         self._clock_checked = -math.inf
         self._dead_thread = ""
         self._thread_died = self.create_guard_condition(self._on_dead_thread)
@@ -371,7 +371,7 @@ class BridgeNode(LifecycleNode):
 
     def _follow_clock(self, clock: HostClock) -> None:
         self._clock_checked = time.monotonic()
-        step = clock.find_step(self._ros_now(), time.monotonic())
+        step = clock.find_step()
         if step is not None:
             self.get_logger().warning(
                 f"this computer's clock was set by {step:+.3f} s; the bridge goes on"

@@ -1,6 +1,7 @@
 """Common part of the launch files. The only module that imports `launch`; only they import it."""
 
-from collections.abc import Callable, Iterable, Mapping
+import reprlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,8 @@ _KINDS: Mapping[type, tuple[Callable[[str], Any], str]] = {
     float: (float, "a number"),
 }
 """How the text of a launch argument becomes a value of its default's type; others stay text."""
+
+_QUALITY = "qos_overrides."
 
 # Absolute by convention; in a namespace each vehicle has its own, so that two share no clock.
 _SHARED = ("clock", "diagnostics", "tf", "tf_static")
@@ -230,12 +233,12 @@ class VehicleNodes:
         """Quality of service in parameter files, by the names of topics in the namespace."""
         if not self.namespace:
             return []
+        of_topics = f"{_QUALITY}/"
         found: Parameters = {
-            f"qos_overrides./{self.namespace}{topic}.{end}.{policy}": value
+            name.replace(_QUALITY, f"{_QUALITY}/{self.namespace}", 1): value
             for file in files
-            for topic, ends in _of_node(file, executable).get("qos_overrides", {}).items()
-            for end, policies in ends.items()
-            for policy, value in policies.items()
+            for name, value in _of_node(file, executable).items()
+            if name.startswith(of_topics)
         }
         return [found] if found else []
 
@@ -300,16 +303,45 @@ class VehicleNodes:
 
 
 def _of_node(file: str, executable: str) -> dict[str, Any]:
-    """Parameters that a file has for a node, whatever its namespace."""
+    """Parameters that a file has for a node, by their whole names, whatever its namespace."""
     try:
         content = Path(file).read_bytes()
     except OSError as error:  # launch itself would go on without the file
         raise NodeError(f"parameter file {file}: {error.strerror}") from None
-    found: dict[str, Any] = {}
-    for name, entry in parse_yaml(content, file, NodeError).items():
-        if name.rpartition("/")[2] in (executable, "**"):
-            found |= (entry or {}).get("ros__parameters") or {}
-    return found
+    return dict(_parameters(parse_yaml(content, file, NodeError), executable, file, ""))
+
+
+def _parameters(entry: object, executable: str, file: str, name: str) -> Iterator[tuple[str, Any]]:
+    """Parameters for a node in an entry of a file; as in ROS, a namespace has entries."""
+    if not isinstance(entry, dict):
+        is_now = "nothing" if entry is None else reprlib.repr(entry)
+        raise NodeError(
+            f"parameter file {file}: {f'{name}: ' if name else ''}is {is_now}, must be a mapping "
+            "as `/**/maneuver_driver: {ros__parameters: {max_deviation: 1.5}}`"
+        )
+    for key, inner in entry.items():
+        if key != "ros__parameters":
+            yield from _parameters(inner, executable, file, f"{name}/{key}".removeprefix("/"))
+        elif inner is not None and not isinstance(inner, dict):
+            raise NodeError(
+                f"parameter file {file}: {name}: ros__parameters is {reprlib.repr(inner)}, must be "
+                "a mapping of names to values"
+            )
+        elif not name:
+            raise NodeError(
+                f"parameter file {file}: ros__parameters: must be below the name of a node, or /**"
+            )
+        elif name.rpartition("/")[2] in (executable, "*", "**"):
+            yield from _dotted(inner or {})
+
+
+def _dotted(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Parameters by their whole names, which mappings in mappings make."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def _shut_down_after(name: str) -> list[Action]:

@@ -3,17 +3,22 @@
 import math
 import re
 from dataclasses import replace
+from importlib.resources import files
 
 import pytest
 
 from tricycle_bridge.commissioning.bring_up import STEPS, TURNS, bring_up
+from tricycle_bridge.commissioning.record import read_record
 from tricycle_bridge.commissioning.stand import PortStand
 from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_bringup.configuration import bridge_settings
+from tricycle_cli.main import main
 from tricycle_sim.plc.drive import DriveMeasurement, DrivePlc
 from tricycle_sim.plc.pair import PlcPair
 from tricycle_sim.plc.steer import SteerMeasurement
+from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.slow, pytest.mark.real_time]
 SETTINGS = BridgeSettings()
@@ -23,8 +28,10 @@ PLUGS = ("Unplug", "Plug", "Pull", "Put")
 class Engineer:
     """Does what the bring-up asks for; `mistakes` replaces what is done at a text."""
 
-    def __init__(self, pair, **mistakes):
+    def __init__(self, pair, *, tyre_radius=SETTINGS.tyre_radius, end_stop=0.78, **mistakes):
         self.pair = pair
+        self.tyre_radius = tyre_radius
+        self.end_stop = end_stop
         self.mistakes = mistakes
         self.told = []
 
@@ -42,13 +49,13 @@ class Engineer:
         self.pair.estop_pressed = False
 
     def left(self):
-        self.pair.steering_angle = 0.78
+        self.pair.steering_angle = self.end_stop
 
     def right(self):
-        self.pair.steering_angle = -0.78
+        self.pair.steering_angle = -self.end_stop
 
     def turn(self, turns=TURNS):
-        self.pair.distance += turns * 2 * math.pi * SETTINGS.tyre_radius
+        self.pair.distance += turns * 2 * math.pi * self.tyre_radius
 
     def unplug(self):
         self.pair.hall_plugged = False
@@ -69,9 +76,9 @@ def pair(tmp_path):
         yield pair
 
 
-def run(pair, engineer, steps=STEPS):
+def run(pair, engineer, steps=STEPS, settings=SETTINGS):
     paths = {Board.STEER: pair.steer_path, Board.DRIVE: pair.drive_path}
-    with PortStand(paths, SETTINGS, engineer, boot_wait=0.0) as stand:
+    with PortStand(paths, settings, engineer, boot_wait=0.0) as stand:
         stand.connect(5.0)
         return list(bring_up(stand, steps))
 
@@ -90,6 +97,59 @@ def test_every_step_passes_by_what_the_boards_measure(pair):
     assert measured["left end stop (rad)"] == pytest.approx(0.78, abs=0.01)
     assert measured["watchdog (s)"] < 0.4
     assert 0.0 < measured["rolled to rest (m)"] < 0.3
+
+
+@pytest.mark.parametrize("name", ["cargo_tadpole", "car_1_10"])
+def test_another_vehicle_passes_by_its_own_values(pair, monkeypatch, tmp_path, name):
+    file = files("tricycle_sim") / f"{name}.yaml"
+    vehicle = load_vehicle(file)
+    settings = bridge_settings(vehicle)
+    behind = {
+        "_MASS": settings.mass,
+        "HALL_PULSE": settings.hall_pulse,
+        "TYRE_RADIUS": settings.tyre_radius,
+    }
+    for constant, value in behind.items():
+        monkeypatch.setattr(f"tricycle_sim.plc.pair.{constant}", value)
+    radius, end_stop = settings.tyre_radius, vehicle.steering_limit
+    engineer = Engineer(pair, tyre_radius=radius, end_stop=end_stop)
+
+    class EngineersStand(PortStand):
+        def __init__(self, paths, settings, _say, **options):
+            super().__init__(paths, settings, engineer, **options)
+
+    monkeypatch.setattr("tricycle_bridge.commissioning.stand.PortStand", EngineersStand)
+    record = tmp_path / "record.json"
+    options = ["--engineer", "A. Test", "--boot-wait", "0", "--record", str(record)]
+    ports = [pair.steer_path, pair.drive_path]
+    main(["plc", "check", *ports, "--vehicle", str(file), *options])
+    written = read_record(record)
+    assert [step.problem for step in written.steps] == [""] * len(STEPS)
+    assert written.complete
+    measured = {name: value for step in written.steps for name, value in step.measured.items()}
+    assert measured["left end stop (rad)"] == pytest.approx(end_stop, abs=0.01)
+    assert measured["servo left (rad)"] == pytest.approx(
+        0.95 * settings.max_steering_angle, abs=0.01
+    )
+
+
+def test_a_servo_that_turns_by_little_passes_with_the_right_sign_only(pair, monkeypatch):
+    small = replace(SETTINGS, max_steering_angle=0.03)
+    step = only("servo centre and ends")
+    (result,) = run(pair, Engineer(pair), step, small)
+    assert result.passed
+    monkeypatch.setattr(
+        "tricycle_sim.plc.pair.SteerMeasurement",
+        lambda angle, **named: SteerMeasurement(-angle, **named),
+    )
+    (result,) = run(pair, Engineer(pair), step, small)
+    assert "sign of the potentiometer" in result.problem
+
+
+def test_the_wheel_turns_no_faster_than_the_vehicle_may(pair):
+    (result,) = run(pair, Engineer(pair), only("motor direction"), replace(SETTINGS, max_speed=0.3))
+    assert result.passed
+    assert result.measured["forward (m/s)"] == pytest.approx(0.3, abs=0.07)
 
 
 def test_a_hall_sensor_whose_unplugging_is_not_noticed_does_not_pass(pair, monkeypatch):

@@ -295,11 +295,11 @@ class Host:
         kind = m.SteerLimits if self.board is STEER else m.DriveLimits
         return self.ask(m.LimitsRequest(), kind)
 
-    def command(self, value=0.0, *, flags=ENABLE, age_us=0, gear=m.Gear.DRIVE):
+    def command(self, value=0.0, *, flags=ENABLE, age_us=0, gear=m.Gear.DRIVE, brake=0):
         echo = m.echo_of((self.state.t - age_us) & 0xFFFFFFFF)
         if self.board is STEER:
             return m.SteerCommand(flags, 0, round(value * 1e4), 0, echo)
-        return m.DriveCommand(flags, gear, round(value * 1e3), 0, 0, 0, echo)
+        return m.DriveCommand(flags, gear, round(value * 1e3), 0, brake, 0, echo)
 
     def stream(self, seconds, value=0.0, **kwargs):
         """A command every 20 ms."""
@@ -781,6 +781,24 @@ def test_an_armed_vehicle_at_rest_is_held_by_its_brake(drive):
     assert not drive.state.flags & m.StateFlag.HOLDING
     assert drive.plc.brake() == 0.0
     assert drive.plc.acts()
+
+
+@pytest.mark.parametrize("brake", [1, 200])
+def test_a_commanded_brake_stops_it_without_the_motor(rolling, brake):
+    rolling.arm()
+    for _ in range(2):
+        rolling.stream(3.0, 1.5)
+        assert rolling.plc.wheel.speed == pytest.approx(1.5, abs=0.2)
+        rolling.stream(0.1, 1.5, brake=brake)
+        assert rolling.state.pwm == 0
+        rolling.stream(2.9, 1.5, brake=brake)
+        assert (rolling.state.state, rolling.state.faults) == (State.ARMED, 0)
+        assert rolling.state.flags & m.StateFlag.HOLDING
+        assert rolling.plc.wheel.speed == 0.0
+    rolling.plc.wheel.sensed = HALL_SENSORS["no pulses"]
+    at = rolling.plc.wheel.travel
+    rolling.stream(3.0, 1.5, brake=brake)
+    assert rolling.plc.wheel.travel == at
 
 
 def test_a_vehicle_that_rolls_is_not_armed(rolling):

@@ -33,8 +33,11 @@ def test_hello_to_any_board_is_answered_and_to_another_is_not(bench):
 
 
 def test_hello_disarms(armed):
+    assert armed.state.flags & m.StateFlag.ENABLED
     armed.hello(session=9)
-    assert armed.tick().state == State.SAFE
+    state = armed.tick()
+    assert (state.state, state.command_age) == (State.SAFE, 255)
+    assert not state.flags & m.StateFlag.ENABLED
 
 
 def test_a_reset_forgets_the_session(armed):

@@ -304,7 +304,12 @@ def test_numbers_in_the_text_are_those_of_the_code(macros):
     stopping = r"differ by more than ([\d.]+) m/s the brake grows by (\d+) % of full"
     expected = [boards.STOPPING_EXCESS, boards.STOPPING_BRAKE_RATE * 100]
     assert told("5.6 Set-points", stopping) == expected
-    assert told("5.6 Set-points", r"with ([\d.]+) m/s² at least") == [boards.STOPPING_DECELERATION]
+    assert told("5.6 Set-points", r"deceleration in force, and with ([\d.]+) m/s² at least") == [
+        boards.STOPPING_DECELERATION
+    ]
+    assert told("5.6 Set-points", r"commanded deceleration and with ([\d.]+) m/s² at least") == [
+        boards.STOPPING_DECELERATION
+    ]
     assert macros["STOPPING_DECELERATION"] == boards.STOPPING_DECELERATION * 1e3
     assert told("5.6 Set-points", r"After (\d+) s the PLC gives up") == [boards.STOPPING_TIME]
     assert told("5.6 Set-points", r"- (\d+) s have passed since it left") == [boards.HOLDING_TIME]
@@ -621,7 +626,7 @@ def test_outputs_are_those_of_the_state(board, state, make_bench):
     bench = make_bench(board).booted()
     ENTER[state](bench)
     if state == "ARMED":
-        bench.drive(2, 0.3, brake=0.5)
+        bench.drive(2, 0.3)
     if state != "STOPPING":
         bench.tick()
     _, _, servo, motor, brake, _ = row
@@ -632,7 +637,7 @@ def test_outputs_are_those_of_the_state(board, state, make_bench):
     else:
         assert output.motor_on is motor.startswith("on")
         kind = re.split("[,;]", brake)[0]
-        assert output.brake == {"full": 1.0, "as commanded": 0.5, "as last commanded": 0.0}[kind]
+        assert output.brake == {"full": 1.0, "off": 0.0, "as it was": 0.0}[kind]
 
 
 def test_arming_needs_as_many_commands_as_the_document_says(make_bench):

@@ -15,7 +15,7 @@ from tricycle_bridge.commands.command_stream import INPUT_AGE
 from tricycle_bridge.commissioning.record import StepResult
 from tricycle_bridge.commissioning.stand import PortStand
 from tricycle_bridge.protocol.boards import AT_REST
-from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE, STEERING_END_STOP, WATCHDOG
+from tricycle_bridge.protocol.limits import WATCHDOG
 from tricycle_bridge.protocol.messages import (
     Board,
     DriveState,
@@ -47,8 +47,8 @@ STANDING = (
 )
 """How the vehicle stands during the bring-up."""
 
-_SPEED = 0.5  # m/s at which the driven wheel turns on its rollers
-_TRACKING = 0.05  # rad that the servo may be off
+_SPEED = 0.5  # m/s at which the driven wheel turns on its rollers, if the vehicle may
+_TRACKING = 0.05  # rad that the servo may be off, less where it turns by little
 _LIGHT = ", which a wheel that turns more easily than the vehicle gives too: is it on its rollers?"
 _REACTION = 0.06  # s in which a board must react, telemetry included
 
@@ -89,6 +89,10 @@ def _both(stand: PortStand, state: PlcState) -> Callable[[], bool]:
 
 def _speed(stand: PortStand) -> float:
     return stand.drive.speed * SPEED_UNIT
+
+
+def _speed_on_rollers(stand: PortStand) -> float:
+    return min(_SPEED, stand.settings.max_speed)
 
 
 def _angle(stand: PortStand) -> float:
@@ -135,13 +139,13 @@ def _check_emergency_stop(stand: PortStand) -> dict[str, float | str]:
 
 def _check_steering_sensor(stand: PortStand) -> dict[str, float | str]:
     reached: dict[str, float | str] = {}
-    low, high = 0.9 * STEERING_END_STOP, 1.1 * STEERING_END_STOP
+    low, high = 0.9 * stand.end_stop, 1.1 * stand.end_stop
     for side, sign in (("left", 1.0), ("right", -1.0)):
         _by_hand(
             stand,
             f"Turn the steering by hand to its {side} end stop.",
             lambda sign=sign: low <= sign * _angle(stand) <= high,  # type: ignore[misc]
-            f"the potentiometer did not show {sign * STEERING_END_STOP:+.2f} rad ± 10 % "
+            f"the potentiometer did not show {sign * stand.end_stop:+.2f} rad ± 10 % "
             f"({side} is {'positive' if sign > 0 else 'negative'})",
         )
         reached[f"{side} end stop (rad)"] = _angle(stand)
@@ -204,14 +208,15 @@ def _check_hall_count(stand: PortStand) -> dict[str, float | str]:
 def _check_servo(stand: PortStand) -> dict[str, float | str]:
     _arm(stand)
     measured: dict[str, float | str] = {}
-    end = 0.95 * MAX_STEERING_ANGLE
+    end = 0.95 * stand.settings.max_steering_angle
+    tracking = min(_TRACKING, 0.5 * end)  # or a wrong sign would pass
     for name, angle in (("centre", 0.0), ("left", end), ("right", -end), ("back", 0.0)):
         stand.command(angle, 0.0)
-        stand.wait(3.0, lambda angle=angle: abs(_angle(stand) - angle) <= _TRACKING / 5)  # type: ignore[misc]
+        stand.wait(3.0, lambda angle=angle: abs(_angle(stand) - angle) <= tracking / 5)  # type: ignore[misc]
         reached = measured[f"servo {name} (rad)"] = _angle(stand)
         _require(
-            abs(reached - angle) <= _TRACKING,
-            f"servo {name}: {reached:+.3f} rad, must be {angle:+.3f} ± {_TRACKING} rad "
+            abs(reached - angle) <= tracking,
+            f"servo {name}: {reached:+.3f} rad, must be {angle:+.3f} ± {tracking:.2g} rad "
             "(centre of the horn, sign of the potentiometer)",
         )
     return measured
@@ -220,10 +225,11 @@ def _check_servo(stand: PortStand) -> dict[str, float | str]:
 def _check_motor(stand: PortStand) -> dict[str, float | str]:
     _arm(stand)
     measured: dict[str, float | str] = {}
-    for name, speed in (("forward", _SPEED), ("backward", -_SPEED)):
+    fast = _speed_on_rollers(stand)
+    for name, speed in (("forward", fast), ("backward", -fast)):
         before = stand.drive.hall_count
         stand.command(0.0, speed)
-        reached = stand.wait(4.0, lambda speed=speed: abs(_speed(stand) - speed) < 0.1)  # type: ignore[misc]
+        reached = stand.wait(4.0, lambda speed=speed: abs(_speed(stand) - speed) < 0.2 * fast)  # type: ignore[misc]
         _require_no_fault(stand)
         measured[f"{name} (m/s)"] = _speed(stand)
         counted = stand.drive.hall_count - before
@@ -354,7 +360,8 @@ def _require_no_fault(stand: PortStand) -> None:
 
 def _arm(stand: PortStand) -> None:
     # where the steering stands, or within its limit where it stands at the end stop
-    stand.command(min(max(_angle(stand), -MAX_STEERING_ANGLE), MAX_STEERING_ANGLE), 0.0)
+    most = stand.settings.max_steering_angle
+    stand.command(min(max(_angle(stand), -most), most), 0.0)
     reason = stand.arm()
     _require(reason is None, reason or "")
 
@@ -362,10 +369,11 @@ def _arm(stand: PortStand) -> None:
 def _turn(stand: PortStand) -> None:
     """Arm and turn the driven wheel."""
     _arm(stand)
-    stand.command(0.0, _SPEED)
-    reached = stand.wait(4.0, lambda: _speed(stand) > 0.8 * _SPEED)
+    speed = _speed_on_rollers(stand)
+    stand.command(0.0, speed)
+    reached = stand.wait(4.0, lambda: _speed(stand) > 0.8 * speed)
     _require_no_fault(stand)
-    _require(reached, f"the wheel turns at {_speed(stand):.2f} m/s, must be {_SPEED:g}")
+    _require(reached, f"the wheel turns at {_speed(stand):.2f} m/s, must be {speed:g}")
 
 
 def _stop(stand: PortStand) -> None:

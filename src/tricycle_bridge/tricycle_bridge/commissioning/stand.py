@@ -11,6 +11,7 @@ from tricycle_bridge.arming import ArmingOutcome
 from tricycle_bridge.bridge import BOARDS, Bridge
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.port_bridge import receive_all, send_all
+from tricycle_bridge.protocol.limits import STEERING_END_STOP
 from tricycle_bridge.protocol.messages import (
     BAUD,
     Board,
@@ -40,10 +41,21 @@ class PortStand(Closing):
         Settings of the bridge for the vehicle.
     say : callable
         Shows a text to the engineer.
+    end_stop : float
+        Angle of the steering motor at which the vehicle's steering ends, either side [rad].
     baud : int
         Bits per second.
     boot_wait : float
         Silence after opening a port [s].
+
+    Attributes
+    ----------
+    say : callable
+        Shows a text to the engineer.
+    settings : BridgeSettings
+        Settings of the bridge for the vehicle.
+    end_stop : float
+        Angle of the steering motor at which the vehicle's steering ends, either side [rad].
     """
 
     def __init__(
@@ -52,10 +64,13 @@ class PortStand(Closing):
         settings: BridgeSettings,
         say: Callable[[str], None],
         *,
+        end_stop: float = STEERING_END_STOP,
         baud: int = BAUD,
         boot_wait: float = 2.0,
     ) -> None:
         self.say = say
+        self.settings = settings
+        self.end_stop = end_stop
         self._ready = threading.Event()
         self._command: VehicleCommand | None = None
         self._bridge = Bridge(settings, rng=random.SystemRandom(), boot_wait=boot_wait)

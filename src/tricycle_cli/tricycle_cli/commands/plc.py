@@ -173,9 +173,17 @@ def _check(args: argparse.Namespace) -> int:
     print(f"Make sure that {STANDING}. Ctrl-C stops and disarms.", file=log)
     results: list[StepResult] = []
     firmware: list[str] = []
-    settings = bridge_settings(load_vehicle(Path(args.vehicle) if args.vehicle else None))
+    vehicle = load_vehicle(Path(args.vehicle) if args.vehicle else None)
+    settings = bridge_settings(vehicle)
     try:
-        with PortStand(paths, settings, say, baud=args.baud, boot_wait=args.boot_wait) as stand:
+        with PortStand(
+            paths,
+            settings,
+            say,
+            end_stop=vehicle.steering_limit,
+            baud=args.baud,
+            boot_wait=args.boot_wait,
+        ) as stand:
             stand.connect(args.boot_wait + 5.0)
             firmware = [stand.firmware(board) for board in paths]
             for number, result in enumerate(bring_up(stand), 1):

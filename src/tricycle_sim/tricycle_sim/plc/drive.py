@@ -146,6 +146,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._gear = Gear.NEUTRAL
         self._brake = 1.0
         self._setpoint = 0.0  # m/s, forward positive
+        self._braking = False  # armed, from a command with a brake on until rest
         self._holding = False  # armed and at rest: brake full, motor off
         self._ceiling = 0.0  # m/s, of a motor that holds the vehicle
         self._lagging = 0.0  # m/s, measured speed behind a lag
@@ -255,10 +256,14 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
     def _armed(self) -> None:
         self._setpoint = 0.0
         self._ceiling = self._lagging = 0.0
+        self._braking = self._holding = False
 
     def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - only the steer PLC uses the time
-        self._holding = False
-        # a stop does not push: it begins at the speed, where the vehicle was slower than wanted
+        self._braking = self._holding = False
+        self._begin_at_speed()
+
+    def _begin_at_speed(self) -> None:
+        """Let a stop not push: it goes on from the speed, where that is less than wanted."""
         low, high = min(self._setpoint, 0.0), max(self._setpoint, 0.0)
         self._setpoint = min(max(self._measured.speed, low), high)
 
@@ -285,36 +290,50 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         if self.state is PlcState.ARMED:
             self._follow_command()
         elif self.state is PlcState.STOPPING:
-            ramp = max(self._max_acceleration, STOPPING_DECELERATION)
-            self._setpoint = slew(self._setpoint, 0.0, ramp)
-            excess = abs(self._measured.speed - self._setpoint)
-            if self._setpoint == 0.0 or excess > STOPPING_EXCESS:
-                self._brake = min(self._brake + STOPPING_BRAKE_RATE, 1.0)
+            self._stop(self._max_acceleration)
         else:
             self._setpoint, self._brake, self._gear = 0.0, 1.0, Gear.NEUTRAL
         if not self._motor_on or self._brake > 0.0:
             self._wheel.restart()
         return DriveOutput(self._motor_on, self._setpoint, self._brake)
 
+    def _stop(self, deceleration: float) -> None:
+        """Ramp down; the brake joins where the vehicle cannot follow, or the ramp is over."""
+        self._setpoint = slew(self._setpoint, 0.0, max(deceleration, STOPPING_DECELERATION))
+        excess = abs(self._measured.speed - self._setpoint)
+        if self._setpoint == 0.0 or excess > STOPPING_EXCESS:
+            self._brake = min(self._brake + STOPPING_BRAKE_RATE, 1.0)
+
     def _follow_command(self) -> None:
+        """Follow the command, and hold where that is to stand.
+
+        A commanded brake stops the vehicle without the motor: against a brake, torque and pulses
+        cannot be compared, and the comparison begins at rest.
+        """
         at_rest = self._at_rest and self._setpoint == 0.0
+        self._braking = self._commanded_brake > 0.0 or (self._braking and not at_rest)
         if self._commanded_gear != self._gear and at_rest:
             self._gear = self._commanded_gear
             self._wheel.restart()
         target = self._target_in_gear
         self._holding = target == 0.0 and (at_rest or self._holding)
-        self._brake = 1.0 if self._holding else self._commanded_brake
-        self._setpoint = slew(self._setpoint, target, self._acceleration_limit)
+        if self._holding or not self._braking:
+            self._setpoint = slew(self._setpoint, target, self._acceleration_limit)
+            self._brake = 1.0 if self._holding else 0.0
+        else:
+            self._begin_at_speed()
+            self._stop(self._acceleration_limit)
+            self._brake = max(self._brake, self._commanded_brake)
 
     @property
     def _target_in_gear(self) -> float:
         in_gear = self._gear == self._commanded_gear
-        return _SIGNS[self._gear] * self._target if in_gear else 0.0
+        return _SIGNS[self._gear] * self._target if in_gear and not self._braking else 0.0
 
     @property
     def _motor_on(self) -> bool:
-        on = self.state in (PlcState.ARMED, PlcState.STOPPING) and not self._holding
-        return on and self._gear is not Gear.NEUTRAL
+        on = self.state in (PlcState.ARMED, PlcState.STOPPING)
+        return on and self._gear is not Gear.NEUTRAL and not (self._holding or self._braking)
 
     def _state_frame(self, now_us: int) -> DriveState:
         return DriveState(

@@ -340,6 +340,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
         self._decoder.session = frame.session
         self._last_rx_seq = frame.seq
         self._command_at = None
+        self._enabled = False
         self._commands_in_row = 0
         self._operation = None
         self._setup = None
