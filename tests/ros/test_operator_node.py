@@ -1,12 +1,13 @@
 """What a caller of services does where the middleware loses an answer."""
 
+import signal
 from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.task import Future
 
-from excitation_planner.playback import BEING_STOPPED
+from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP
 from excitation_planner.vehicle_watch import MUST_STAND
 from tricycle_cli.operation import operator_node
 from tricycle_cli.operation.operator_node import Operator, Patience, ServiceCaller
@@ -108,6 +109,70 @@ def test_a_countdown_is_followed_however_long_the_state_says_the_same():
     operator._wait = wait
     operator._follow(SimpleNamespace(id="mine"), lambda *_: None)
     assert said == []
+
+
+CALLED = ["recorder/start", "driver/start", "driver/abort", "recorder/stop"]
+
+
+class Interrupted:
+    """An operator that gets a signal, or None, each time that it waits."""
+
+    def __init__(self, *numbers):
+        self.numbers, self.called, self.slept = list(numbers), [], []
+        operator = self.operator = Operator.__new__(Operator)
+        operator._held, operator._deaf = None, False
+        operator._simulated, operator._patience = False, 60.0
+        operator._check = lambda: None
+        operator._executor = SimpleNamespace(spin_once=self.spin)
+        operator._services = SimpleNamespace(call=self.call)
+        operator._set_parameters = lambda *_, **__: None
+        operator._sleep = self.sleep
+        logger = SimpleNamespace(warning=lambda _: None)
+        operator._node = SimpleNamespace(get_logger=lambda: logger)
+
+    def spin(self, **_):
+        if self.numbers and (number := self.numbers.pop(0)):
+            signal.raise_signal(number)
+
+    def call(self, service, *_):
+        self.operator._spin()
+        self.called.append(service.rpartition("_")[2])
+        return SimpleNamespace(success=True, message="")
+
+    def sleep(self, duration):
+        self.operator._spin()
+        self.slept.append(duration)
+
+    def drive(self):
+        with self.operator._recording("bag"), self.operator._driving("start"):
+            self.operator._spin()
+
+
+@pytest.fixture
+def _ending_signals_interrupt():
+    numbers = signal.SIGTERM, signal.SIGHUP
+    before = [signal.signal(number, signal.default_int_handler) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_second_signal_cancels_neither_the_abort_nor_what_is_recorded_of_it(second):
+    interrupted = Interrupted(None, None, signal.SIGINT, second)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert interrupted.called == CALLED
+    assert interrupted.slept == [LONGEST_STOP]
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+def test_a_third_signal_ends_what_is_recorded_of_a_stopped_vehicle():
+    interrupted = Interrupted(None, None, *[signal.SIGINT] * 4)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert (interrupted.called, interrupted.slept) == (CALLED, [])
 
 
 def test_a_slow_simulation_is_waited_for_while_its_clock_goes_on(monkeypatch):

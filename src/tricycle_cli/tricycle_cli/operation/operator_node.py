@@ -4,7 +4,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -240,6 +240,8 @@ class Operator(Closing):
             DiagnosticStatus, "identification/estimates", self._on_estimates, LATCHED
         )
         self._services = ServiceCaller(self._node, self._wait)
+        self._held: list[int] | None = None  # signals that came while a bag is recorded
+        self._deaf = False  # whether they wait
 
     def close(self) -> None:
         """Leave the ROS domain."""
@@ -465,17 +467,20 @@ class Operator(Closing):
             yield
         except BaseException as error:
             self._check()  # where the nodes end with a dead one, nobody is left to abort
-            if isinstance(error, KeyboardInterrupt):
-                self._node.get_logger().warning(
-                    f"interrupted: the vehicle is stopped and recorded for {LONGEST_STOP:g} s more"
-                )
             try:  # refused where it has ended by itself
-                self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
+                with self._interrupts_wait():
+                    self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
             except NodeError as unanswered:
                 raise NodeError(
                     f"{str(error) or 'interrupted'}; the maneuver may still run, for the abort: "
                     f"{unanswered}"
                 ) from error
+            if self._held is not None:
+                self._held.clear()  # they asked for the same
+            if isinstance(error, KeyboardInterrupt):
+                self._node.get_logger().warning(
+                    f"interrupted: the vehicle is stopped and recorded for {LONGEST_STOP:g} s more"
+                )
             self._sleep(LONGEST_STOP)  # the bag shows where the vehicle came to rest
             raise
         self._sleep(STANDSTILL)
@@ -506,18 +511,40 @@ class Operator(Closing):
 
     @contextmanager
     def _recording(self, bag: Path) -> Iterator[None]:
+        """Record the block; signals that end the command interrupt it only where it waits."""
         self._set_parameters("trajectory_recorder", output=str(bag))
         self._trigger("trajectory_recorder/start")
         self._patience = SILENCE_TIMEOUT
-        try:
-            yield
-        except BaseException:
-            with suppress(NodeError):  # the first error is reported
-                self._trigger("trajectory_recorder/stop")
-            raise
-        answer = self._trigger("trajectory_recorder/stop")
+        with self._interrupts_held():
+            try:
+                yield
+            except BaseException:
+                # the first error is reported
+                with suppress(NodeError), self._interrupts_wait():
+                    self._trigger("trajectory_recorder/stop")
+                raise
+            with self._interrupts_wait():
+                answer = self._trigger("trajectory_recorder/stop")
         if LACKS in answer:
             print(f"warning: {answer}", file=sys.stderr)
+
+    @contextmanager
+    def _interrupts_held(self) -> Iterator[None]:
+        """Let signals interrupt `_wait` only: a second one must not cancel what the first began."""
+        with interrupts_held() as self._held:
+            try:
+                yield
+            finally:
+                self._held = None
+
+    @contextmanager
+    def _interrupts_wait(self) -> Iterator[None]:
+        """Let signals that are held not interrupt `_wait` either."""
+        self._deaf = True
+        try:
+            yield
+        finally:
+            self._deaf = False
 
     def _arm(self) -> None:
         """Ask for ARM until both PLCs are linked and hear the standstill stream."""
@@ -599,5 +626,11 @@ class Operator(Closing):
                 self._node.get_logger().info(f"waits for {what}")
             if patience.over:
                 raise NodeError(f"waited {self._patience:.0f} s for {what}")
-            with interrupts_held():
-                self._executor.spin_once(timeout_sec=0.05)
+            self._spin()
+
+    def _spin(self) -> None:
+        with interrupts_held() if self._held is None else nullcontext():
+            self._executor.spin_once(timeout_sec=0.05)
+        if self._held and not self._deaf:
+            self._held.clear()
+            raise KeyboardInterrupt
