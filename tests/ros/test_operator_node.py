@@ -100,15 +100,37 @@ def test_a_countdown_is_followed_however_long_the_state_says_the_same():
         for _ in range(2):  # within the patience
             if condition():
                 return
-            values = ManeuverState(said.pop(0), "mine").values().items()
-            operator._on_state(
-                DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values])
-            )
+            operator._on_state(status(ManeuverState(said.pop(0), "mine").values()))
         assert condition(), what
 
     operator._wait = wait
-    operator._follow(SimpleNamespace(id="mine"), lambda *_: None)
+    operator._follow(SimpleNamespace(id="mine"), lambda *_: None, early=False)
     assert said == []
+
+
+@pytest.mark.parametrize("early", [False, True])
+def test_only_a_drive_that_may_end_early_is_ended_by_what_the_monitor_says(early):
+    operator, called = Operator.__new__(Operator), []
+    operator._state, operator._heard = ManeuverState(PlaybackState.RUNNING, "mine"), 0
+    estimates = {"known": "true", "plan_id": "mine"}
+    operator._on_estimates(status(estimates))
+
+    def wait(condition, what):
+        if not condition():
+            operator._on_state(status(ManeuverState(PlaybackState.DONE, "mine").values()))
+        assert condition(), what
+
+    def call(service, *_):
+        called.append(service)
+        operator._on_state(status(ManeuverState(PlaybackState.DONE, "mine").values()))
+
+    operator._wait, operator._services = wait, SimpleNamespace(call=call)
+    operator._follow(SimpleNamespace(id="mine"), lambda *_: None, early=early)
+    assert called == (["maneuver_driver/finish"] if early else [])
+
+
+def status(values):
+    return DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values.items()])
 
 
 CALLED = ["recorder/start", "driver/start", "driver/abort", "recorder/stop"]

@@ -289,6 +289,7 @@ class Operator(Closing):
             self._trigger("tricycle_sim/reset")
             clock = self._node.get_clock()
             self._wait(lambda: clock.now().nanoseconds > 0, "/clock")  # for the plan's stamp
+        self._taught = ""  # of an earlier drive
         if enough is not None:
             self._set_parameters(
                 "identification_monitor",
@@ -313,7 +314,7 @@ class Operator(Closing):
             if self._state.plan_id != plan.id:  # a planner has published another one meanwhile
                 self._hand_over(plan)
             with self._driving("start"):
-                self._follow(plan, progress)
+                self._follow(plan, progress, early=enough is not None)
         if self._simulated:
             self._disarm()
 
@@ -485,18 +486,22 @@ class Operator(Closing):
             raise
         self._sleep(STANDSTILL)
 
-    def _follow(self, plan: Plan, progress: Progress) -> None:
-        """Wait for the end of the maneuver started."""
+    def _follow(self, plan: Plan, progress: Progress, *, early: bool) -> None:
+        """Wait for the end of the maneuver started; `early` ends it once it has taught enough."""
+
+        def taught() -> bool:  # the monitor says so to drives that have not asked for it, too
+            return early and self._taught == plan.id
+
         self._wait(lambda: self._state.state is not PlaybackState.WAITING, "the start")
         if self._state.plan_id != plan.id:
             raise NodeError(f"maneuver_driver started another plan, {self._state.plan_id}")
         while not self._state.state.ended:
             heard = self._heard
             self._wait(
-                lambda: self._heard > heard or self._taught == plan.id,  # noqa: B023
+                lambda: self._heard > heard or taught(),  # noqa: B023
                 "news of the running maneuver",
             )
-            if self._taught == plan.id:
+            if taught():
                 self._taught = ""
                 # refused where it has ended by itself
                 self._services.call("maneuver_driver/finish", Trigger, Trigger.Request())
