@@ -190,6 +190,33 @@ def test_a_second_signal_cancels_neither_the_abort_nor_what_is_recorded_of_it(se
 
 
 @pytest.mark.usefixtures("_ending_signals_interrupt")
+def test_a_signal_while_the_recorder_starts_ends_the_recording():
+    interrupted = Interrupted(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert interrupted.called == ["recorder/start", "driver/abort", "recorder/stop"]
+
+
+@pytest.mark.parametrize(
+    ("answer", "called"),
+    [("already recording another: stop it first", []), (None, ["recorder/stop"])],
+)
+def test_only_a_recording_that_was_not_refused_is_stopped(answer, called):
+    interrupted = Interrupted()
+
+    def start(service, *_):
+        interrupted.operator._services.call = interrupted.call
+        if answer is None:
+            raise NodeError(f"waited 20 s for an answer of {service}")
+        return SimpleNamespace(success=False, message=answer)
+
+    interrupted.operator._services.call = start
+    with pytest.raises(NodeError, match=answer or "an answer of trajectory_recorder/start"):
+        interrupted.drive()
+    assert interrupted.called == called
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
 def test_a_third_signal_ends_what_is_recorded_of_a_stopped_vehicle():
     interrupted = Interrupted(None, None, *[signal.SIGINT] * 4)
     with pytest.raises(KeyboardInterrupt):

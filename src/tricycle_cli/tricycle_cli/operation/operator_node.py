@@ -183,6 +183,13 @@ def _company(domain: int, names: Sequence[str]) -> str:
     )
 
 
+def _accepted(service: str, answer: Trigger.Response) -> str:
+    """Return the message of an answer, or raise what was refused."""
+    if not answer.success:
+        raise NodeError(f"{service}: {answer.message}")
+    return str(answer.message)
+
+
 class Operator(Closing):
     """A ROS node that does what the person at the vehicle would do by service calls.
 
@@ -518,15 +525,20 @@ class Operator(Closing):
     def _recording(self, bag: Path) -> Iterator[None]:
         """Record the block; signals that end the command interrupt it only where it waits."""
         self._set_parameters("trajectory_recorder", output=str(bag))
-        self._trigger("trajectory_recorder/start")
         self._patience = SILENCE_TIMEOUT
+        start, refused = "trajectory_recorder/start", False
         with self._interrupts_held():
             try:
+                with self._interrupts_wait():  # once asked it may record
+                    started = self._services.call(start, Trigger, Trigger.Request())
+                refused = not started.success
+                _accepted(start, started)
                 yield
             except BaseException:
-                # the first error is reported
-                with suppress(NodeError), self._interrupts_wait():
-                    self._trigger("trajectory_recorder/stop")
+                if not refused:  # it may record another one's bag
+                    # the first error is reported
+                    with suppress(NodeError), self._interrupts_wait():
+                        self._trigger("trajectory_recorder/stop")
                 raise
             with self._interrupts_wait():
                 answer = self._trigger("trajectory_recorder/stop")
@@ -583,10 +595,7 @@ class Operator(Closing):
             self._taught = values.get("plan_id", "")
 
     def _trigger(self, service: str) -> str:
-        answer = self._services.call(service, Trigger, Trigger.Request())
-        if not answer.success:
-            raise NodeError(f"{service}: {answer.message}")
-        return str(answer.message)
+        return _accepted(service, self._services.call(service, Trigger, Trigger.Request()))
 
     def _trigger_at_rest(self, service: str) -> None:
         """Trigger, again and again while the vehicle does not rest yet after its last run."""
