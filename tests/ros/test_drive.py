@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from node_processes import node_processes
 from rosbags.highlevel import AnyReader
 
@@ -32,6 +33,7 @@ from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import NodeError
+from tricycle_core.nodes import LATCHED
 from tricycle_sim.vehicle import draw_truth, load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -126,6 +128,19 @@ def test_a_recorder_that_is_held_up_misses_nothing_of_its_pause(ros_environment,
             driven = stamps[(stamps >= 0) & (stamps <= 600)]
             # on a busy machine the nodes themselves leave out some ticks of so fast a simulation
             assert np.diff(driven, prepend=0, append=600).max() < 30, topic
+
+
+def test_what_the_monitor_has_learned_ends_no_drive_that_has_not_asked_for_it(
+    ros_environment, ros_node, plan, tmp_path
+):
+    estimates = ros_node.create_publisher(DiagnosticStatus, "identification/estimates", LATCHED)
+    values = {"known": "true", "plan_id": plan.id}
+    message = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values.items()])
+    with simulated_session(
+        vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path
+    ) as drive:
+        drive(plan, tmp_path / "bag", lambda *_: estimates.publish(message))
+    assert read_drive(tmp_path / "bag").ended_early is None
 
 
 DYING = """

@@ -1,12 +1,13 @@
 """What a caller of services does where the middleware loses an answer."""
 
+import signal
 from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.task import Future
 
-from excitation_planner.playback import BEING_STOPPED
+from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP
 from excitation_planner.vehicle_watch import MUST_STAND
 from tricycle_cli.operation import operator_node
 from tricycle_cli.operation.operator_node import Operator, Patience, ServiceCaller
@@ -99,15 +100,128 @@ def test_a_countdown_is_followed_however_long_the_state_says_the_same():
         for _ in range(2):  # within the patience
             if condition():
                 return
-            values = ManeuverState(said.pop(0), "mine").values().items()
-            operator._on_state(
-                DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values])
-            )
+            operator._on_state(status(ManeuverState(said.pop(0), "mine").values()))
         assert condition(), what
 
     operator._wait = wait
-    operator._follow(SimpleNamespace(id="mine"), lambda *_: None)
+    operator._follow(SimpleNamespace(id="mine"), lambda *_: None, early=False)
     assert said == []
+
+
+@pytest.mark.parametrize("early", [False, True])
+def test_only_a_drive_that_may_end_early_is_ended_by_what_the_monitor_says(early):
+    operator, called = Operator.__new__(Operator), []
+    operator._state, operator._heard = ManeuverState(PlaybackState.RUNNING, "mine"), 0
+    estimates = {"known": "true", "plan_id": "mine"}
+    operator._on_estimates(status(estimates))
+
+    def wait(condition, what):
+        if not condition():
+            operator._on_state(status(ManeuverState(PlaybackState.DONE, "mine").values()))
+        assert condition(), what
+
+    def call(service, *_):
+        called.append(service)
+        operator._on_state(status(ManeuverState(PlaybackState.DONE, "mine").values()))
+
+    operator._wait, operator._services = wait, SimpleNamespace(call=call)
+    operator._follow(SimpleNamespace(id="mine"), lambda *_: None, early=early)
+    assert called == (["maneuver_driver/finish"] if early else [])
+
+
+def status(values):
+    return DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values.items()])
+
+
+CALLED = ["recorder/start", "driver/start", "driver/abort", "recorder/stop"]
+
+
+class Interrupted:
+    """An operator that gets a signal, or None, each time that it waits."""
+
+    def __init__(self, *numbers):
+        self.numbers, self.called, self.slept = list(numbers), [], []
+        operator = self.operator = Operator.__new__(Operator)
+        operator._held, operator._deaf = None, False
+        operator._simulated, operator._patience = False, 60.0
+        operator._check = lambda: None
+        operator._executor = SimpleNamespace(spin_once=self.spin)
+        operator._services = SimpleNamespace(call=self.call)
+        operator._set_parameters = lambda *_, **__: None
+        operator._sleep = self.sleep
+        logger = SimpleNamespace(warning=lambda _: None)
+        operator._node = SimpleNamespace(get_logger=lambda: logger)
+
+    def spin(self, **_):
+        if self.numbers and (number := self.numbers.pop(0)):
+            signal.raise_signal(number)
+
+    def call(self, service, *_):
+        self.operator._spin()
+        self.called.append(service.rpartition("_")[2])
+        return SimpleNamespace(success=True, message="")
+
+    def sleep(self, duration):
+        self.operator._spin()
+        self.slept.append(duration)
+
+    def drive(self):
+        with self.operator._recording("bag"), self.operator._driving("start"):
+            self.operator._spin()
+
+
+@pytest.fixture
+def _ending_signals_interrupt():
+    numbers = signal.SIGTERM, signal.SIGHUP
+    before = [signal.signal(number, signal.default_int_handler) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_second_signal_cancels_neither_the_abort_nor_what_is_recorded_of_it(second):
+    interrupted = Interrupted(None, None, signal.SIGINT, second)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert interrupted.called == CALLED
+    assert interrupted.slept == [LONGEST_STOP]
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+def test_a_signal_while_the_recorder_starts_ends_the_recording():
+    interrupted = Interrupted(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert interrupted.called == ["recorder/start", "driver/abort", "recorder/stop"]
+
+
+@pytest.mark.parametrize(
+    ("answer", "called"),
+    [("already recording another: stop it first", []), (None, ["recorder/stop"])],
+)
+def test_only_a_recording_that_was_not_refused_is_stopped(answer, called):
+    interrupted = Interrupted()
+
+    def start(service, *_):
+        interrupted.operator._services.call = interrupted.call
+        if answer is None:
+            raise NodeError(f"waited 20 s for an answer of {service}")
+        return SimpleNamespace(success=False, message=answer)
+
+    interrupted.operator._services.call = start
+    with pytest.raises(NodeError, match=answer or "an answer of trajectory_recorder/start"):
+        interrupted.drive()
+    assert interrupted.called == called
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+def test_a_third_signal_ends_what_is_recorded_of_a_stopped_vehicle():
+    interrupted = Interrupted(None, None, *[signal.SIGINT] * 4)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert (interrupted.called, interrupted.slept) == (CALLED, [])
 
 
 def test_a_slow_simulation_is_waited_for_while_its_clock_goes_on(monkeypatch):

@@ -185,6 +185,27 @@ def test_a_terminal_of_another_character_set_gets_what_it_can_show():
     assert b"NAME[,NAME?]" in done.stdout
 
 
+@pytest.mark.parametrize("how", [["--json"], []])
+def test_files_are_written_though_nobody_reads_what_is_printed(record_drive, tmp_path, how):
+    record_drive(tmp_path / "bag")
+    reader, writer = os.pipe()
+    os.close(reader)
+    code = "import sys; from tricycle_cli.main import main; sys.exit(main())"
+    judge = ["judge", "bag", "--export", "tum", "--output", "out", *how]
+    with os.fdopen(writer) as closed:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *judge],
+            cwd=tmp_path,
+            stdout=closed,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 141
+    assert "Error" not in done.stderr
+    assert list((tmp_path / "out").iterdir())
+
+
 @pytest.mark.parametrize("line", COMMANDS_OF_README)
 def test_the_readme_s_commands_need_no_more_arguments(line):
     arguments = shlex.split(line)

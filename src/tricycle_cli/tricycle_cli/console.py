@@ -30,6 +30,12 @@ def plain_console(
     """
     from rich.console import Console
 
-    return Console(
+    class PipedConsole(Console):
+        """Leaves a closed pipe to `main`, which ends with one status for every command."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return PipedConsole(
         stderr=stderr, file=file, width=width, highlight=highlight, markup=False, emoji=False
     )

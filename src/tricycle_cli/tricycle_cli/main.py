@@ -5,6 +5,7 @@ import atexit
 import gc
 import io
 import logging
+import os
 import re
 import signal
 import sys
@@ -40,6 +41,10 @@ COMMANDS = {
     "plc": "what is on a serial port: which PLC, its telemetry, its counters",
 }
 """What each subcommand does, in the order of the help."""
+
+PIPE_CLOSED = 128 + signal.SIGPIPE
+"""Exit status where nobody reads what is printed any more, as a shell tells it of other commands.
+"""
 
 
 def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
@@ -142,7 +147,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     status : int
-        Exit status: 0, 2 for a mistake of the user, 130 after Ctrl-C, or the subcommand's.
+        Exit status: 0, 2 for a mistake of the user, 130 after Ctrl-C, 141 where
+        nobody reads what is printed any more, or the subcommand's.
     """
     if argv is None:  # the process is ours
         gc.set_threshold(50_000)  # imports make many objects, and hardly any garbage
@@ -160,8 +166,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = parser(COMMANDS.keys() & words).parse_args(words)
         status: int = arguments.run(arguments)
+        sys.stdout.flush()
     except BrokenPipeError:  # `tricycle … | head`
-        return 0
+        if argv is None:  # what is left to be written would be told as an error at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return PIPE_CLOSED
     except (KeyboardInterrupt, SystemError, RuntimeError) as error:
         # where Ctrl-C reaches compiled code, or the making of a class before Python 3.12, the
         # interpreter's own error may follow from it

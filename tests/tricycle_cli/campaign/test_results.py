@@ -14,7 +14,7 @@ from excitation_planner.area.area import Area
 from excitation_planner.maneuver import Circle, family_by_name, family_names
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from tricycle_cli.campaign.cycle import Campaign
-from tricycle_cli.campaign.request import CampaignRequest
+from tricycle_cli.campaign.request import WAY_BACK, CampaignRequest
 from tricycle_cli.campaign.results import campaign_report, campaign_table, plot_campaign, plot_yard
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_sim.vehicle import load_vehicle
@@ -99,6 +99,14 @@ def test_every_drive_is_drawn_on_the_yard(campaign, record_drive, tmp_path):
     area = Area(np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]))
     plot_yard(campaign, area, tmp_path / "yard.png")
     assert (tmp_path / "yard.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_way_back_that_cannot_be_read_is_not_drawn(campaign, record_drive, tmp_path):
+    record_drive(tmp_path / "bags" / "01")
+    (tmp_path / WAY_BACK / "01").mkdir(parents=True)
+    area = Area(np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]))
+    plot_yard(campaign, area, tmp_path / "yard.png")
+    assert (tmp_path / "yard.png").exists()
 
 
 def test_every_family_has_a_colour_on_the_yard(campaign, record_drive, tmp_path, monkeypatch):

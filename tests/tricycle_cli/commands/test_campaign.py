@@ -1,16 +1,20 @@
 """`tricycle campaign`: a mistake is found before anything is made."""
 
+import contextlib
+import dataclasses
 import io
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from tricycle_cli.campaign.cycle import Campaign
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_cli.commands.campaign import _identify, _progress_of
 from tricycle_cli.main import main
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import NodeError, PlanError
 
 
 @pytest.mark.parametrize(
@@ -60,6 +64,41 @@ def test_a_kept_bag_is_identified_by_the_names_given_before_any_node_is_needed(
     (output / "bags/01").mkdir(parents=True)
     assert main(line[:-2]) == 2
     assert "identified by /localization/odometry" in capsys.readouterr().err
+
+
+def test_the_report_is_written_though_the_last_way_back_fails(monkeypatch, tmp_path, capsys):
+    entry = ParameterEntry(
+        estimate=710.0, low=690.0, high=730.0, standard_deviation=10.0, range=(500.0, 1500.0)
+    )
+    found = IdentificationDocument(
+        level=0.95, parameters={"cornering_stiffness": entry}, covariance=np.array([[100.0]])
+    )
+    std = {"cornering_stiffness": 12.0}
+    values = {"radius": 3.0, "speed": 0.8}
+    names = "cornering_stiffness", "plans/01.json", "bags/01", "circle"
+    step = Step(*names, values, "id", 8.0, std, True)
+
+    @contextlib.contextmanager
+    def session(*_):
+        yield None
+        raise NodeError("way back aborted: fence")
+
+    def identify(campaign, _):
+        campaign._keep((dataclasses.replace(step, identification=found),))
+
+    for name, fake in (
+        ("_session", session),
+        ("_drive", lambda *_, **__: None),
+        ("_identify", identify),
+    ):
+        monkeypatch.setattr(f"tricycle_cli.commands.campaign.{name}", fake)
+    line = ["campaign", "--targets", "cornering_stiffness", "--tolerance", "5%"]
+    assert main([*line, "--output", str(tmp_path / "new")]) == 2
+    said = capsys.readouterr()
+    assert "710" in said.out
+    assert said.err.endswith("way back aborted: fence; the report of the campaign is written\n")
+    for suffix in ("json", "txt", "png"):
+        assert (tmp_path / "new" / f"report.{suffix}").exists()
 
 
 def no_session(*_):

@@ -94,6 +94,24 @@ def test_an_interrupted_series_goes_on_with_what_is_missing(
     assert f"{tmp_path / 'bag'} exists: a bag is not overwritten" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("inside", "given"), [(".", "."), ("1", "..")])
+def test_a_series_is_continued_from_inside_its_folder(
+    line, record_drive, monkeypatch, tmp_path, inside, given
+):
+    folders = []
+    driven = contextlib.nullcontext(lambda *_: None)
+
+    def session_of(*, folder, back, **_):
+        folders.extend((folder, back))
+        return driven
+
+    monkeypatch.setattr(session, "simulated_session", session_of)
+    record_drive(tmp_path / "bag" / "1")
+    monkeypatch.chdir(tmp_path / "bag" / inside)
+    assert line("--repeat", "2", "--return", "--bag", given) == 0
+    assert folders == [tmp_path / "bag.session", tmp_path / "bag.way_back"]
+
+
 @pytest.mark.parametrize(
     ("end", "options", "why"),
     [

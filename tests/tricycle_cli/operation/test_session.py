@@ -8,6 +8,7 @@ import pytest
 from excitation_planner.preflight import RECORDER
 from tricycle_cli.operation.dashboard import DiagnosticEntry
 from tricycle_cli.operation.session import (
+    _go_back,
     _wait_for_enter,
     hidden_truth,
     running_session,
@@ -70,3 +71,12 @@ def test_a_domain_that_there_is_not_is_refused_before_a_node_starts(domain, monk
         with refused, session:
             pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_where_the_last_way_back_fails_the_drives_are_said_to_be_recorded(tmp_path):
+    def aborted(bag):
+        raise NodeError(f"way back aborted: {bag.name}")
+
+    with pytest.raises(NodeError, match="way back aborted: bag; all drives are recorded"):
+        _go_back(aborted, tmp_path / "new" / "bag")
+    assert (tmp_path / "new").is_dir()

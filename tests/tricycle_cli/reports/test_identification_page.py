@@ -145,9 +145,12 @@ def test_what_looks_like_a_formula_in_a_name_is_none(found):
 
 def test_the_numbers_are_saved_also_where_a_figure_cannot_be_drawn(found, tmp_path, monkeypatch):
     monkeypatch.delattr("tricycle_cli.reports.identification_page.trajectories_figure")
+    for earlier in ("vehicle.yaml", "report.html", "lack.png"):
+        (tmp_path / earlier).write_text("of an earlier identification")
     with pytest.raises(NameError):
         save_identification(found, None, tmp_path)
     assert load_identification_file(tmp_path / "identification.json").vehicle == "tricycle"
+    assert [file.name for file in tmp_path.iterdir()] == ["identification.json"]
 
 
 def test_of_many_drives_those_that_fit_worst_are_drawn(found):

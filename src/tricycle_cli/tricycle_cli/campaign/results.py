@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from itertools import cycle, zip_longest
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from tricycle_cli.campaign.cycle import Campaign, Knowledge
 from tricycle_cli.campaign.request import WAY_BACK
 from tricycle_cli.reports.static_figures import draw_borders
 from tricycle_core.documents import replacing
+from tricycle_core.errors import BagError, JudgeError
 from tricycle_core.palette import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILLION
 
 FAMILIES = (BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE)  # on the yard
@@ -137,7 +139,11 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
         poses = read_drive(bag, topics=campaign.topics, sensors=False).driven
         color = families[step.maneuver]
         for way in (bag, campaign.folder / WAY_BACK / bag.name):
-            if way.exists() and (back := read_way_back(way, topics=campaign.topics)) is not None:
+            back = None
+            if way.exists():
+                with suppress(BagError, JudgeError):  # one that failed
+                    back = read_way_back(way, topics=campaign.topics)
+            if back is not None:
                 thin = max(1, len(back.x) // 300)  # the noise of all poses would fill the dashes
                 axes.plot(back.x[::thin], back.y[::thin], "--", color="0.6", linewidth=0.8)
                 returned = True

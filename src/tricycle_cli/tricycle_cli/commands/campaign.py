@@ -36,7 +36,7 @@ from tricycle_cli.options import (
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import NodeError, PlanError
 from tricycle_core.optional import check_installed
 from tricycle_core.timing import TICK
 from tricycle_sim.effects import named_effects
@@ -154,14 +154,6 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from tricycle_cli.campaign.cycle import Campaign
-    from tricycle_cli.campaign.results import (
-        campaign_report,
-        campaign_table,
-        plot_campaign,
-        plot_yard,
-    )
-    from tricycle_cli.operation.session import hidden_truth
-    from tricycle_cli.reports.tables import table_console
 
     if args.vehicle_nodes:
         refuse_given(args, ("true_seed", "real_time_factor"), OF_SIMULATION)
@@ -171,6 +163,7 @@ def run(args: argparse.Namespace) -> int:
             f"{', '.join(SIMULATED_POSES)} only"
         )
     check_installed("rclpy", "a campaign")
+    check_installed("matplotlib", "the report of a campaign")
     vehicle = load_vehicle(args.vehicle)
     request = CampaignRequest(
         vehicle,
@@ -194,20 +187,44 @@ def run(args: argparse.Namespace) -> int:
         console.print(_progress_of(campaign), soft_wrap=True)
     if campaign.driven:  # which needs no vehicle any more
         _identify(campaign, console)
-    if not campaign.finished:
-        with _session(args, len(campaign.steps)) as drive:
-            while not campaign.finished:
-                _drive(campaign, drive, console, stop_early=args.stop_early)
-                _identify(campaign, console)
-    truth = None if request.true_seed is None else hidden_truth(vehicle, request.true_seed)
+    try:
+        if not campaign.finished:
+            with _session(args, len(campaign.steps)) as drive:
+                while not campaign.finished:
+                    _drive(campaign, drive, console, stop_early=args.stop_early)
+                    _identify(campaign, console)
+    except NodeError as error:
+        if not campaign.finished:
+            raise
+        _report(args, campaign, console)
+        raise NodeError(f"{error}; the report of the campaign is written") from error
+    _report(args, campaign, console)
+    return 1 if campaign.missing() else 0
+
+
+def _report(args: argparse.Namespace, campaign: Campaign, console: Console) -> None:
+    """Write what the campaign has found, and print it."""
+    from tricycle_cli.campaign.results import (
+        campaign_report,
+        campaign_table,
+        plot_campaign,
+        plot_yard,
+    )
+    from tricycle_cli.operation.session import hidden_truth
+    from tricycle_cli.reports.tables import table_console
+
+    request = campaign.request
+    truth = None
+    if request.true_seed is not None:
+        truth = hidden_truth(request.vehicle, request.true_seed)
     report, table = campaign_report(campaign, truth), campaign_table(campaign, truth)
     write_whole(args.output / "report.json", json.dumps(report, indent=1) + "\n")
-    plot_campaign(campaign, truth, args.output / "report.png")
-    if request.area is not None:
-        plot_yard(campaign, request.area, args.output / "yard.png")
     text = StringIO()
     plain_console(file=text, width=120).print(table)
     write_whole(args.output / "report.txt", text.getvalue())
+    plot_campaign(campaign, truth, args.output / "report.png")
+    if request.area is not None:
+        plot_yard(campaign, request.area, args.output / "yard.png")
     if args.json:
         print(json.dumps(report))
     else:
@@ -227,7 +244,6 @@ def run(args: argparse.Namespace) -> int:
         highlight=False,
         soft_wrap=True,
     )
-    return 1 if missing else 0
 
 
 def _progress_of(campaign: Campaign) -> str:

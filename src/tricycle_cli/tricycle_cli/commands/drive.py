@@ -122,7 +122,8 @@ def run(args: argparse.Namespace) -> int:
         drives = [(plan, args.bag)]
     elif args.bag.exists():
         drives = _not_yet_driven(drives, args.bag)
-    back = args.bag.with_name(f"{args.bag.name}.way_back") if args.back else None
+    whole = args.bag if args.bag.name not in ("", "..") else args.bag.resolve()
+    back = whole.with_name(f"{whole.name}.way_back") if args.back else None
     if back is not None:
         check_new(back / drives[-1][1].name)
     session = (
@@ -137,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
             vehicle_file=args.vehicle,
             true_seed=args.true_seed or 0,
             real_time_factor=1.0 if args.real_time_factor is None else args.real_time_factor,
-            folder=args.bag.with_name(f"{args.bag.name}.session"),
+            folder=whole.with_name(f"{whole.name}.session"),
             plant=plant,
             back=back,
         )

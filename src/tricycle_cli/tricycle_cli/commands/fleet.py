@@ -178,12 +178,15 @@ def run(args: argparse.Namespace) -> int:
         )
     fleet = replace(fleet, left_out=(*left_out, *fleet.left_out))
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
-    console.print(population_table(fleet))
-    for remark in remarks_on_fleet(fleet):
-        console.print(remark, soft_wrap=True)
     document = json.dumps(_document(fleet), allow_nan=False)
+    try:  # the reader of a pipe may leave
+        if args.output is not None:
+            save_fleet(fleet, document, args.output)
+    finally:  # and a disk be full
+        console.print(population_table(fleet))
+        for remark in remarks_on_fleet(fleet):
+            console.print(remark, soft_wrap=True)
     if args.output is not None:
-        save_fleet(fleet, document, args.output)
         console.print(f"report, figure and numbers: {args.output}", soft_wrap=True)
     if args.json:
         print(document)

@@ -193,8 +193,6 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         )
-    console = table_console(stderr=args.json, width=TABLE_WIDTH)
-    console.print(parameter_table(identification))
     of_drives = remarks_on_drives(
         identification,
         read.used,
@@ -202,12 +200,17 @@ def run(args: argparse.Namespace) -> int:
         tables=columns is not None,
         redrawn=redraw is not None,
     )
-    for remark in (*remarks(identification), *read.remarks, *of_drives):
-        console.print(remark, soft_wrap=True)
-    if args.output is not None:
-        from tricycle_cli.reports.identification_page import save_identification
+    console = table_console(stderr=args.json, width=TABLE_WIDTH)
+    try:  # the reader of a pipe may leave
+        if args.output is not None:
+            from tricycle_cli.reports.identification_page import save_identification
 
-        save_identification(identification, args.vehicle, args.output)
+            save_identification(identification, args.vehicle, args.output)
+    finally:  # and a disk be full
+        console.print(parameter_table(identification))
+        for remark in (*remarks(identification), *read.remarks, *of_drives):
+            console.print(remark, soft_wrap=True)
+    if args.output is not None:
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:
         print(json.dumps(document_of(identification).to_json(), allow_nan=False))
@@ -255,14 +258,17 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         held = {name: v for name, v in vehicle.nominal.items() if name not in asked.unknown}
         identification = replace(identification, fixed=held, vehicle_hash=vehicle.fingerprint)
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
-    console.print(parameter_table(identification))
-    for remark in remarks_on_many(identification):
-        console.print(remark, soft_wrap=True)
     document = document_of(identification)
+    try:  # as above
+        if args.output is not None:
+            write_whole(args.output / VEHICLE, identified_vehicle(identification, args.vehicle))
+            save_identification_file(document, args.output / IDENTIFICATION)
+            remove_older(args.output, (VEHICLE, IDENTIFICATION))
+    finally:
+        console.print(parameter_table(identification))
+        for remark in remarks_on_many(identification):
+            console.print(remark, soft_wrap=True)
     if args.output is not None:
-        write_whole(args.output / VEHICLE, identified_vehicle(identification, args.vehicle))
-        save_identification_file(document, args.output / IDENTIFICATION)
-        remove_older(args.output, (VEHICLE, IDENTIFICATION))
         console.print(f"vehicle file and numbers: {args.output}", soft_wrap=True)
     if args.json:
         print(json.dumps(document.to_json(), allow_nan=False))

@@ -27,6 +27,8 @@ from tricycle_core.errors import BagError, JudgeError, message_of
 from tricycle_core.optional import check_installed
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from parameter_identification.judging.judgement import Judgement
 
 EXAMPLE = """\
@@ -116,6 +118,22 @@ def run(args: argparse.Namespace) -> int:
         print(f"tricycle: {mistake}", file=sys.stderr)
     if not judgements:
         return 2
+    saved: list[Path] = []
+    try:  # the reader of a pipe may leave
+        if args.export:
+            saved += export(judgements, folder, ExportFormat(args.export))
+        if args.plot:
+            plot(judgements, args.plot)
+            saved.append(args.plot)
+    finally:  # and a disk be full
+        _print(judgements, args)
+        for path in saved:
+            print(f"saved {path}", file=sys.stderr)
+    return 2 if mistakes else 0
+
+
+def _print(judgements: Sequence[Judgement], args: argparse.Namespace) -> None:
+    """Print the table, or JSON: of one bag its object."""
     if args.json:
         documents = [_as_json(judgement) for judgement in judgements]
         print(json.dumps(documents[0] if len(args.bags) == 1 else {"bags": documents}))
@@ -123,13 +141,6 @@ def run(args: argparse.Namespace) -> int:
         from tricycle_cli.reports.tables import WIDEST, judgement_table, table_console
 
         table_console(width=WIDEST).print(judgement_table(judgements))
-    if args.export:
-        for path in export(judgements, folder, ExportFormat(args.export)):
-            print(f"saved {path}", file=sys.stderr)
-    if args.plot:
-        plot(judgements, args.plot)
-        print(f"saved {args.plot}", file=sys.stderr)
-    return 2 if mistakes else 0
 
 
 def _as_json(judgement: Judgement) -> dict[str, Any]:

@@ -39,6 +39,8 @@ from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from excitation_planner.plan import Plan
 
 DEFAULTS = {
@@ -134,7 +136,6 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from excitation_planner.plan import load_plan, save_plan
-    from tricycle_cli.reports.tables import plan_table, prediction_table, table_console
 
     check_installed("matplotlib", "the figure of a plan")
     if args.show:
@@ -159,12 +160,29 @@ def run(args: argparse.Namespace) -> int:
             file.with_suffix(".png").unlink(missing_ok=True)
             if file not in plans:
                 file.unlink()
-    first, *others = plans.values()
+    from tricycle_cli.reports.static_figures import plot_plan
+
+    try:  # the reader of a pipe may leave
+        for file, plan in plans.items():
+            if not args.show or args.overwrite or not file.with_suffix(".png").exists():
+                plot_plan(plan, file.with_suffix(".png"))
+    finally:  # and a folder be read-only
+        _print(list(plans.values()), args)
+    for file in plans:
+        print(f"plan: {file}   figure: {file.with_suffix('.png')}", file=sys.stderr)
+    return 0
+
+
+def _print(plans: Sequence[Plan], args: argparse.Namespace) -> None:
+    """Print the plans of a set."""
+    from tricycle_cli.reports.tables import plan_table, prediction_table, table_console
+
+    first, *others = plans
     if args.json:
         print(json.dumps(_as_json(first) | {"others": [_as_json(plan) for plan in others]}))
     else:
         console = table_console()
-        for plan in plans.values():
+        for plan in plans:
             console.print(plan_table(plan))
             console.print(_summary(plan), soft_wrap=True)
         if first.predicted_std:
@@ -177,14 +195,6 @@ def run(args: argparse.Namespace) -> int:
         console.print(_search_summary(first), soft_wrap=True)
         if first.verdict:
             console.print(first.verdict, soft_wrap=True)
-    from tricycle_cli.reports.static_figures import plot_plan
-
-    for file, plan in plans.items():
-        if not args.show or args.overwrite or not file.with_suffix(".png").exists():
-            plot_plan(plan, file.with_suffix(".png"))
-    for file in plans:
-        print(f"plan: {file}   figure: {file.with_suffix('.png')}", file=sys.stderr)
-    return 0
 
 
 def _earlier_plans(folder: Path, suffix: str = ".json") -> list[Path]:

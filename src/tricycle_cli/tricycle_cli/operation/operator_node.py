@@ -4,7 +4,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +183,13 @@ def _company(domain: int, names: Sequence[str]) -> str:
     )
 
 
+def _accepted(service: str, answer: Trigger.Response) -> str:
+    """Return the message of an answer, or raise what was refused."""
+    if not answer.success:
+        raise NodeError(f"{service}: {answer.message}")
+    return str(answer.message)
+
+
 class Operator(Closing):
     """A ROS node that does what the person at the vehicle would do by service calls.
 
@@ -240,6 +247,8 @@ class Operator(Closing):
             DiagnosticStatus, "identification/estimates", self._on_estimates, LATCHED
         )
         self._services = ServiceCaller(self._node, self._wait)
+        self._held: list[int] | None = None  # signals that came while a bag is recorded
+        self._deaf = False  # whether they wait
 
     def close(self) -> None:
         """Leave the ROS domain."""
@@ -287,6 +296,7 @@ class Operator(Closing):
             self._trigger("tricycle_sim/reset")
             clock = self._node.get_clock()
             self._wait(lambda: clock.now().nanoseconds > 0, "/clock")  # for the plan's stamp
+        self._taught = ""  # of an earlier drive
         if enough is not None:
             self._set_parameters(
                 "identification_monitor",
@@ -311,7 +321,7 @@ class Operator(Closing):
             if self._state.plan_id != plan.id:  # a planner has published another one meanwhile
                 self._hand_over(plan)
             with self._driving("start"):
-                self._follow(plan, progress)
+                self._follow(plan, progress, early=enough is not None)
         if self._simulated:
             self._disarm()
 
@@ -465,33 +475,40 @@ class Operator(Closing):
             yield
         except BaseException as error:
             self._check()  # where the nodes end with a dead one, nobody is left to abort
-            if isinstance(error, KeyboardInterrupt):
-                self._node.get_logger().warning(
-                    f"interrupted: the vehicle is stopped and recorded for {LONGEST_STOP:g} s more"
-                )
             try:  # refused where it has ended by itself
-                self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
+                with self._interrupts_wait():
+                    self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
             except NodeError as unanswered:
                 raise NodeError(
                     f"{str(error) or 'interrupted'}; the maneuver may still run, for the abort: "
                     f"{unanswered}"
                 ) from error
+            if self._held is not None:
+                self._held.clear()  # they asked for the same
+            if isinstance(error, KeyboardInterrupt):
+                self._node.get_logger().warning(
+                    f"interrupted: the vehicle is stopped and recorded for {LONGEST_STOP:g} s more"
+                )
             self._sleep(LONGEST_STOP)  # the bag shows where the vehicle came to rest
             raise
         self._sleep(STANDSTILL)
 
-    def _follow(self, plan: Plan, progress: Progress) -> None:
-        """Wait for the end of the maneuver started."""
+    def _follow(self, plan: Plan, progress: Progress, *, early: bool) -> None:
+        """Wait for the end of the maneuver started; `early` ends it once it has taught enough."""
+
+        def taught() -> bool:  # the monitor says so to drives that have not asked for it, too
+            return early and self._taught == plan.id
+
         self._wait(lambda: self._state.state is not PlaybackState.WAITING, "the start")
         if self._state.plan_id != plan.id:
             raise NodeError(f"maneuver_driver started another plan, {self._state.plan_id}")
         while not self._state.state.ended:
             heard = self._heard
             self._wait(
-                lambda: self._heard > heard or self._taught == plan.id,  # noqa: B023
+                lambda: self._heard > heard or taught(),  # noqa: B023
                 "news of the running maneuver",
             )
-            if self._taught == plan.id:
+            if taught():
                 self._taught = ""
                 # refused where it has ended by itself
                 self._services.call("maneuver_driver/finish", Trigger, Trigger.Request())
@@ -506,18 +523,45 @@ class Operator(Closing):
 
     @contextmanager
     def _recording(self, bag: Path) -> Iterator[None]:
+        """Record the block; signals that end the command interrupt it only where it waits."""
         self._set_parameters("trajectory_recorder", output=str(bag))
-        self._trigger("trajectory_recorder/start")
         self._patience = SILENCE_TIMEOUT
-        try:
-            yield
-        except BaseException:
-            with suppress(NodeError):  # the first error is reported
-                self._trigger("trajectory_recorder/stop")
-            raise
-        answer = self._trigger("trajectory_recorder/stop")
+        start, refused = "trajectory_recorder/start", False
+        with self._interrupts_held():
+            try:
+                with self._interrupts_wait():  # once asked it may record
+                    started = self._services.call(start, Trigger, Trigger.Request())
+                refused = not started.success
+                _accepted(start, started)
+                yield
+            except BaseException:
+                if not refused:  # it may record another one's bag
+                    # the first error is reported
+                    with suppress(NodeError), self._interrupts_wait():
+                        self._trigger("trajectory_recorder/stop")
+                raise
+            with self._interrupts_wait():
+                answer = self._trigger("trajectory_recorder/stop")
         if LACKS in answer:
             print(f"warning: {answer}", file=sys.stderr)
+
+    @contextmanager
+    def _interrupts_held(self) -> Iterator[None]:
+        """Let signals interrupt `_wait` only: a second one must not cancel what the first began."""
+        with interrupts_held() as self._held:
+            try:
+                yield
+            finally:
+                self._held = None
+
+    @contextmanager
+    def _interrupts_wait(self) -> Iterator[None]:
+        """Let signals that are held not interrupt `_wait` either."""
+        self._deaf = True
+        try:
+            yield
+        finally:
+            self._deaf = False
 
     def _arm(self) -> None:
         """Ask for ARM until both PLCs are linked and hear the standstill stream."""
@@ -551,10 +595,7 @@ class Operator(Closing):
             self._taught = values.get("plan_id", "")
 
     def _trigger(self, service: str) -> str:
-        answer = self._services.call(service, Trigger, Trigger.Request())
-        if not answer.success:
-            raise NodeError(f"{service}: {answer.message}")
-        return str(answer.message)
+        return _accepted(service, self._services.call(service, Trigger, Trigger.Request()))
 
     def _trigger_at_rest(self, service: str) -> None:
         """Trigger, again and again while the vehicle does not rest yet after its last run."""
@@ -599,5 +640,11 @@ class Operator(Closing):
                 self._node.get_logger().info(f"waits for {what}")
             if patience.over:
                 raise NodeError(f"waited {self._patience:.0f} s for {what}")
-            with interrupts_held():
-                self._executor.spin_once(timeout_sec=0.05)
+            self._spin()
+
+    def _spin(self) -> None:
+        with interrupts_held() if self._held is None else nullcontext():
+            self._executor.spin_once(timeout_sec=0.05)
+        if self._held and not self._deaf:
+            self._held.clear()
+            raise KeyboardInterrupt

@@ -193,26 +193,31 @@ def run_in_foreground(
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
+def interrupts_held() -> Iterator[list[int]]:
     """Hold the signals that end a command back until the block has ended.
 
     Raised inside of rclpy, a KeyboardInterrupt may be lost.
 
+    Yields
+    ------
+    came : list of int
+        Signals that came; the block may clear it once it has heeded them.
+
     Raises
     ------
     KeyboardInterrupt
-        At the end, if one of the signals came.
+        At the end, if `came` is not empty.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # Python raises interrupts in the main thread only
-        return
     came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came  # Python raises interrupts in the main thread only
+        return
     previous = {
         number: signal.signal(number, lambda number, _: came.append(number))
         for number in ending_signals()
     }
     try:
-        yield
+        yield came
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
@@ -287,13 +292,14 @@ class NodeProcesses(Closing):
 
     def close(self) -> None:
         """End the nodes; one that does not within `STOP_TIMEOUT` is killed."""
-        for process in reversed(self._running.values()):
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-        deadline = time.monotonic() + STOP_TIMEOUT
-        for process in self._running.values():
-            try:
-                process.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        with interrupts_held():  # a second Ctrl-C would leave them running
+            for process in reversed(self._running.values()):
+                if process.poll() is None:
+                    process.send_signal(signal.SIGINT)
+            deadline = time.monotonic() + STOP_TIMEOUT
+            for process in self._running.values():
+                try:
+                    process.wait(max(0.0, deadline - time.monotonic()))
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()

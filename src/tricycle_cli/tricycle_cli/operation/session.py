@@ -34,7 +34,7 @@ from tricycle_cli.operation.processes import (
     ros_environment,
 )
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import NodeError, PlanError
 from tricycle_core.quantities import Progress
 from tricycle_core.readiness import TOPIC
 from tricycle_sim.plants import OWN
@@ -182,7 +182,7 @@ def simulated_session(
             yield drive
             if back is not None and driven:
                 operator.pace(real_time_factor)
-                operator.go_back(_new(back / driven[-1]))
+                _go_back(operator.go_back, back / driven[-1])
 
 
 def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
@@ -257,14 +257,17 @@ def running_session(
 
         yield drive
         if back is not None and driven:
-            operator.go_back(_new(back / driven[-1]))
+            _go_back(operator.go_back, back / driven[-1])
 
 
-def _new(bag: Path) -> Path:
-    """Make room for a bag: that of a campaign's drive which is driven again is replaced."""
+def _go_back(go_back: Callable[[Path], None], bag: Path) -> None:
+    """Drive the last way back; that of a campaign's drive which is driven again is replaced."""
     shutil.rmtree(bag, ignore_errors=True)
     bag.parent.mkdir(parents=True, exist_ok=True)
-    return bag.absolute()
+    try:
+        go_back(bag.absolute())
+    except NodeError as error:
+        raise NodeError(f"{error}; all drives are recorded") from error
 
 
 def _wait_for_enter(

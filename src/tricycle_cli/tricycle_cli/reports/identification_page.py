@@ -1,6 +1,7 @@
 """Results of an identification as one HTML page and as figures."""
 
 import math
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, htm
 from tricycle_cli.reports.identification_files import IDENTIFICATION, REPORT, VEHICLE, remove_older
 from tricycle_cli.reports.remarks import remarks
 from tricycle_cli.reports.tables import HEADINGS, parameter_rows
-from tricycle_core.documents import replacing, write_whole
+from tricycle_core.documents import write_whole
 from tricycle_core.palette import BLUE, GREEN, VERMILLION
 from tricycle_core.quantities import with_deviation
 
@@ -279,9 +280,10 @@ def _block(figure: Figure, caption: str) -> FigureBlock:
 
 
 def save_identification(found: Identification, vehicle_file: Path | None, folder: Path) -> None:
-    """Write `identification.json`, `vehicle.yaml` with the estimates, figures and `report.html`.
+    """Write `vehicle.yaml` with the estimates, `report.html`, figures and `identification.json`.
 
-    Figures of an earlier identification that this one has not are removed.
+    Figures of an earlier identification that this one has not are removed. If a text or a figure
+    cannot be made, the numbers alone are written, and all of an earlier identification is removed.
 
     Parameters
     ----------
@@ -297,8 +299,18 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
     OSError
         If a file cannot be written.
     """
-    save_identification_file(document_of(found), folder / IDENTIFICATION)
-    texts = {VEHICLE: identified_vehicle(found, vehicle_file), REPORT: identification_page(found)}
+    files: dict[str, str | bytes] = {}
+    try:
+        files = _files(found, vehicle_file)
+    finally:  # the numbers took the longest
+        for name, content in files.items():
+            write_whole(folder / name, content)
+        remove_older(folder, files)
+        save_identification_file(document_of(found), folder / IDENTIFICATION)
+
+
+def _files(found: Identification, vehicle_file: Path | None) -> dict[str, str | bytes]:
+    """Contents of the files but the numbers, by name."""
     figures = {
         "trajectories": trajectories_figure(found),
         "residuals": residuals_figure(found),
@@ -307,9 +319,14 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         figures["lack"] = lack_figure(found)
     if any(e.profile is not None for e in found.parameters.values()):
         figures["profiles"] = profiles_figure(found)
-    for name, text in texts.items():
-        write_whole(folder / name, text)
-    for name, figure in figures.items():
-        with replacing(folder / f"{name}.png") as file:
-            figure.savefig(file, dpi=150)
-    remove_older(folder, (IDENTIFICATION, *texts, *(f"{name}.png" for name in figures)))
+    return {
+        VEHICLE: identified_vehicle(found, vehicle_file),
+        REPORT: identification_page(found),
+        **{f"{name}.png": _image(figure) for name, figure in figures.items()},
+    }
+
+
+def _image(figure: Figure) -> bytes:
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=150)
+    return file.getvalue()
