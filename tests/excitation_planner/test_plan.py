@@ -121,6 +121,10 @@ def _with(document, value, *path):
         ),
         (lambda d: _with(d, [[1, 2, 3]], "path"), "path must be a list of finite numbers"),
         (lambda d: _without(d, "reference", "yaw"), "reference: lacks `yaw`"),
+        (
+            lambda d: _with(d, {key: [] for key in ("time", "x", "y", "yaw")}, "reference"),
+            "reference: time must be a list of finite numbers",
+        ),
         (lambda d: _with(d, 0.5, "commands", "speed", 7), "changed after planning"),
         (lambda d: _with(d, 3.5, "operation", "radius"), "changed after planning"),
         (lambda d: _with(d, [0.1, 1e9], "ranges", "radius"), "changed after planning"),

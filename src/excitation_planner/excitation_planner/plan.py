@@ -79,7 +79,8 @@ class Reference:
     yaw: FloatArray
 
     def __post_init__(self) -> None:
-        for name in ("time", "x", "y", "yaw"):
+        _check_array("time", self.time, (None,))
+        for name in ("x", "y", "yaw"):
             _check_array(name, getattr(self, name), (self.time.size,))
         if self.time[0] != 0.0 or not np.all(np.diff(self.time) > 0.0):
             raise PlanError("time must start at 0 and increase")
@@ -159,7 +160,7 @@ class Plan:
     feasible : bool
         Whether the nominal vehicle can drive it.
     verdict : str
-        Why the family cannot excite the target; empty if it can.
+        Why the family cannot excite the target; empty if it can, or was not searched.
     vehicle, vehicle_hash : str
         Name of the vehicle, and hash of its values.
     constants : mapping of str to float

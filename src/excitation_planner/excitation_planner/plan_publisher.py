@@ -102,12 +102,12 @@ class PlanPublisher:
             )
             point.time_from_start.sec, point.time_from_start.nanosec = split_seconds(time)
             commands.points.append(point)
+        lead_in = Path()  # empty where there is none: a plan before it may have the same stamp
+        lead_in.header.frame_id, lead_in.header.stamp = MANEUVER, stamp
         if plan.lead_in > 0.0:
-            lead_in = Path()
-            lead_in.header.frame_id, lead_in.header.stamp = MANEUVER, stamp
             end = float(r.x[r.time <= plan.lead_in][-1])
             lead_in.poses = [_pose(0.0, 0.0, 0.0, 0.0), _pose(end, 0.0, 0.0, plan.lead_in)]
-            self._lead_in.publish(lead_in)
+        self._lead_in.publish(lead_in)
         self._publish_area(plan.fence, c.time, stamp)
         self._path.publish(path)
         self._reference.publish(reference)

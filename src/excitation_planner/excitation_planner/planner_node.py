@@ -270,7 +270,10 @@ class ExcitationPlanner(Node):
         elif self._plan is None:
             status.message = "no plan yet; call ~/plan"
         else:
-            status.message = self._plan.verdict or f"excites {self._plan.target}"
+            excites = f"excites {self._plan.target}"
+            if self._plan.predicted_cost is None:
+                excites = f"a given maneuver: whether it {excites} was not judged"
+            status.message = self._plan.verdict or excites
         values = {"simulations": str(done), "budget": str(total)}
         if (plan := self._plan) is not None:
             values |= {"plan_id": plan.id, "vehicle_hash": plan.vehicle_hash}

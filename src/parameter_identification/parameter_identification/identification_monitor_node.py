@@ -199,8 +199,8 @@ class IdentificationMonitor(Node):
         self._planned = self._prediction(plan_id)
 
     def _on_lead_in(self, message: PathMessage) -> None:
-        if message.poses:
-            self._lead_ins = {stamp_of(message): seconds_of(message.poses[-1].header.stamp)}
+        end = max((seconds_of(pose.header.stamp) for pose in message.poses), default=0.0)
+        self._lead_ins = {stamp_of(message): end}
 
     def _on_played(self, message: JointState) -> None:
         """Take a set-point of the driver, which steers the lead-in itself."""

@@ -44,7 +44,7 @@ def test_drives_one_after_the_other_add_their_information():
     assert np.allclose(covariance, np.diag([1.0 / of_p, 1.0 / of_q]), rtol=1e-6, atol=1e-12)
 
 
-def test_vehicles_that_roll_over_are_left_out_but_not_all_of_them():
+def test_vehicles_that_roll_over_are_left_out_but_not_most_of_them():
     def rolls_over(x, P):
         Y = drives_p(x, P)
         Y[P[:, 0] > x[0]] = np.nan
@@ -53,8 +53,10 @@ def test_vehicles_that_roll_over_are_left_out_but_not_all_of_them():
     noise, alone = TrajectoryNoise(std=0.1), (np.array([1.0]),)
     some = predicted_covariance((rolls_over,), alone, UNKNOWN, noise, seed=0)
     assert some[0, 0] == pytest.approx(1.0 / (np.sum((2.0 * TIME) ** 2) / 0.1**2 + 12.0), rel=1e-6)
-    with pytest.raises(DesignError, match="every vehicle drawn rolled over"):
+    with pytest.raises(DesignError, match=r"48 of 48 vehicles drawn roll over"):
         predicted_covariance((rolls_over,), (np.array([-1.0]),), UNKNOWN, noise, seed=0)
+    with pytest.raises(DesignError, match="of 48 vehicles drawn roll over"):
+        predicted_covariance((rolls_over,), (np.array([0.5]),), UNKNOWN, noise, seed=0)
 
 
 def test_trajectories_of_the_vehicle_begin_at_rest_and_end_where_it_ends():

@@ -9,6 +9,7 @@ import numpy as np
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.information import (
+    LEAST_SIMULATED,
     ManeuverSet,
     difference_points,
     information,
@@ -118,7 +119,7 @@ def _costs(
     prior: BoxPrior | None,
     nuisances: NuisanceParameters,
 ) -> FloatArray:
-    """Criterion (n,) of the information (n, draws, k + s, k + s); infinite without any."""
+    """Criterion (n,) of the information (n, draws, k + s, k + s); infinite with too few."""
     n, draws = total.shape[:2]
     flat = total.reshape(n * draws, *total.shape[2:])
     costs = np.full(n * draws, np.nan)
@@ -127,7 +128,8 @@ def _costs(
     costs[usable] = information_costs(covariance, criterion, target)
     kept = np.isfinite(costs).reshape(n, draws)
     summed = np.where(kept, costs.reshape(n, draws), 0.0).sum(axis=1)
-    return np.where(kept.any(axis=1), summed / np.maximum(kept.sum(axis=1), 1), np.inf)
+    enough = kept.sum(axis=1) >= LEAST_SIMULATED * draws
+    return np.where(enough, summed / np.maximum(kept.sum(axis=1), 1), np.inf)
 
 
 def _apart(points: FloatArray) -> FloatArray:

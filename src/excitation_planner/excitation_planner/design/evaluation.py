@@ -16,6 +16,7 @@ import numpy as np
 
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.information import (
+    LEAST_SIMULATED,
     difference_points,
     information,
     information_costs,
@@ -227,7 +228,7 @@ def _assess_trajectories(
     rows = (U.shape[1] + 1) * problem.draws * (VERIFICATION if verification else 1)
     F = sum(information(U[:rows], Y[:rows], problem.trajectory_noise, nuisances) for Y in outputs)
     F = np.asarray(F)[np.isfinite(np.asarray(F)).all(axis=(1, 2))]  # draws with no failed run
-    if 2 * len(F) < rows // (U.shape[1] + 1):
+    if len(F) < LEAST_SIMULATED * (rows // (U.shape[1] + 1)):
         reason = f"{failed} of {n} simulations failed"
         return _rejected(problem, x, reason, simulations=n, failed=failed)
     covariance = posterior_covariance(F, problem.prior, nuisances)

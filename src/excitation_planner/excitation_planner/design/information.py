@@ -27,6 +27,9 @@ from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
+LEAST_SIMULATED = 0.5
+"""Share of the vehicles drawn that must not roll over; the others alone tell too good a cost."""
+
 _STEP = 1e-3  # of the finite differences, in ranges
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from excitation_planner.area.room import Room
 from excitation_planner.box import Box
 from excitation_planner.design.information import (
+    LEAST_SIMULATED,
     difference_points,
     information,
     posterior_covariance,
@@ -211,7 +212,7 @@ def predicted_covariance(
     Raises
     ------
     DesignError
-        If none of the vehicles drawn can be simulated.
+        If more than half of the vehicles drawn roll over.
     """
     k = len(unknown)
     U = difference_points(k, DRAWS, seed=seed, prior=prior, nuisances=nuisances)
@@ -220,8 +221,8 @@ def predicted_covariance(
     for f, x in zip(simulators, points, strict=True):
         F += information(U, f(x, P), noise, nuisances)
     F = F[np.isfinite(F).all(axis=(1, 2))]
-    if len(F) == 0:
-        raise DesignError("every vehicle drawn rolled over in this maneuver")
+    if len(F) < LEAST_SIMULATED * DRAWS:
+        raise DesignError(f"{DRAWS - len(F)} of {DRAWS} vehicles drawn roll over in this maneuver")
     covariance: FloatArray = posterior_covariance(F, prior, nuisances).mean(axis=0)
     return covariance
 
