@@ -410,7 +410,7 @@ def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readi
 
 
 def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
-    """Joint states with the speed or torque of the rear wheel; None where no message has them."""
+    """Joint states with anything of either joint; None where no message has that."""
     rows = []
     for message in messages:
         names = list(message.name)
@@ -418,7 +418,7 @@ def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
             dict(zip(names, values, strict=False))
             for values in (message.position, message.velocity, message.effort)
         )
-        if REAR_WHEEL_JOINT in rates.keys() | efforts.keys():
+        if STEERING_JOINT in angles or REAR_WHEEL_JOINT in rates.keys() | efforts.keys():
             wheel = (values.get(REAR_WHEEL_JOINT, nan) for values in (rates, efforts))
             rows.append((stamp_of(message) - start, angles.get(STEERING_JOINT, nan), *wheel))
     if not rows:
