@@ -177,6 +177,16 @@ def test_steering_and_rear_wheel_may_come_in_messages_of_their_own(tmp_path: Pat
     np.testing.assert_array_equal(rate[~np.isnan(rate)], np.full(200, 3.0))
 
 
+def test_an_accelerometer_that_tells_zeros_only_is_none(tmp_path: Path) -> None:
+    scene = Scene(deviation=sideways(0.1))
+    samples = [(START + 10**7 * i, imu(START + 10**7 * i, 0.1)) for i in range(20)]
+    scene.more = {"/imu": ("sensor_msgs/msg/Imu", samples)}
+    drive = read_drive(scene.write(tmp_path / "bag"))
+    assert drive.imu is not None
+    assert np.isnan(drive.imu.lateral_acceleration).all()
+    assert (drive.imu.yaw_rate == 0.1).all()
+
+
 def test_set_points_of_others_than_the_driver_do_not_count(tmp_path: Path) -> None:
     """The bridge refused them; those of the driver may be recorded in another order."""
     joints, first = ["steering_motor_joint", "rear_wheel_joint"], START - 10**9

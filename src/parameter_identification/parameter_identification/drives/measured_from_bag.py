@@ -19,7 +19,7 @@ from parameter_identification.drives.measured import (
 )
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames
-from parameter_identification.drives.samples import Samples
+from parameter_identification.drives.samples import Samples, measures_nothing
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
 from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.quantities import FloatArray
@@ -118,7 +118,7 @@ def _signals(drive: RecordedDrive, vehicle: Vehicle, end: float) -> dict[Sensor,
         ]
     if (joints := drive.joint_states) is not None:
         optional.append((Sensor.WHEEL_SPEED, joints.time, joints.wheel_rate))
-        if np.nan_to_num(joints.motor_torque).any():  # drivers that measure none write zeros
+        if not measures_nothing(joints.motor_torque):
             optional.append((Sensor.MOTOR_TORQUE, joints.time, joints.motor_torque))
     for sensor, time, values in optional:
         if (measured := ~np.isnan(values)).any():

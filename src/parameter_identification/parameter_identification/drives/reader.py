@@ -23,7 +23,7 @@ from parameter_identification.drives.recorded import (
     SteeredLeadIn,
     TopicNames,
 )
-from parameter_identification.drives.samples import Samples
+from parameter_identification.drives.samples import Samples, measures_nothing
 from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
 from trajectory_recorder.bag.topics import deserialize
 from tricycle_core.diagnostics import values_of
@@ -451,6 +451,6 @@ def _imu_samples(messages: Iterable[Any], start: int) -> ImuSamples | None:
     if not rows:
         return None
     time, rate, acceleration = np.array(rows, dtype=np.float64).T
-    if not np.nan_to_num(acceleration).any():  # as messages are made: nothing was measured
+    if measures_nothing(acceleration):
         acceleration = np.full_like(acceleration, nan)
     return ImuSamples(time * 1e-9, rate, acceleration)
