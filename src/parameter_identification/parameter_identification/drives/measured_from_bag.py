@@ -17,6 +17,7 @@ from parameter_identification.drives.measured import (
     resolved,
     usable,
 )
+from parameter_identification.drives.names import name_of
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames
 from parameter_identification.drives.samples import Samples, measures_nothing
@@ -92,7 +93,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         commands = commands.until(drive.ended_early)
     end = commands.duration
     return MeasuredDrive(
-        name=drive.bag.stem,
+        name=name_of(drive.bag),
         commands=commands,
         signals=usable(_signals(drive, vehicle, end), vehicle),
         reference=drive.reference,
