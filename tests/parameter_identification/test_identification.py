@@ -334,6 +334,16 @@ def test_what_the_model_lacks_is_shown_where_the_vehicle_was():
     assert lack.standard_deviations["left of the model / m"][3] > 0.0
 
 
+def test_drives_of_one_name_are_told_apart(pair):
+    named = [dataclasses.replace(drive, name="bag") for drive in pair]
+    found = identify(named, VEHICLE, parameters=["cornering_stiffness"], starts=1, hold_others=True)
+    nuisances = document_of(found).nuisances
+    assert list(nuisances) == ["bag", "bag (2)"]
+    first, second = (drive.nuisances for drive in found.drives)
+    assert nuisances == {"bag": first, "bag (2)": second}
+    assert {test.drive for test in found.whiteness} == {"bag", "bag (2)"}
+
+
 def test_names_of_parameters_are_checked(pair):
     with pytest.raises(IdentificationError, match="not an unknown parameter"):
         identify(pair, VEHICLE, parameters=["mass"])

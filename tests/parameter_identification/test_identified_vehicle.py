@@ -112,8 +112,8 @@ def test_an_unknown_parameter_that_was_held_may_have_an_effect(tmp_path):
     entry = {"nominal": 0.0, "range": [-2.0, 1.0], "unit": "deg", "basis": "argued", "about": ""}
     path = file_with(tmp_path, "steering_offset", entry)
     _, vehicle = with_effects(tmp_path, ("steering zero", 0.03), source=path)
-    assert vehicle.unknown["steering_offset"] == pytest.approx(np.radians([-2.0, 1.0]))
-    assert vehicle.steering_offset == pytest.approx(np.radians(1.0))  # the end of its range
+    assert vehicle.unknown["steering_offset"] == pytest.approx([np.radians(-2.0), 0.03])
+    assert vehicle.steering_offset == pytest.approx(0.03)
 
 
 def test_effects_of_a_vehicle_that_is_too_stiff_already_are_written(tmp_path):
@@ -126,6 +126,17 @@ def test_a_dead_time_ends_at_none(tmp_path):
     path = file_with(tmp_path, "servo_delay", entry, {"servo": "geared"})
     _, vehicle = with_effects(tmp_path, ("servo dead time", -0.0310000001), source=path)
     assert vehicle.servo_delay == 0.0
+
+
+def test_an_effect_beyond_what_any_vehicle_has_is_not_said_to_be_a_constant(tmp_path):
+    entry = {"value": 0.03, "unit": "s", "basis": "data", "about": "measured"}
+    path = file_with(tmp_path, "servo_delay", entry, {"servo": "geared"})
+    effects = (("servo dead time", -0.05), ("steering zero", 0.01))
+    text, vehicle = with_effects(tmp_path, *effects, source=path)
+    assert (vehicle.servo_delay, vehicle.steering_offset) == (0.0, 0.01)
+    assert "# * steering zero" in text
+    assert "#   servo dead time" in text
+    assert "at the end of what any vehicle has" in text
 
 
 def test_effects_of_drives_and_sensors_are_told_only(tmp_path):

@@ -12,7 +12,7 @@ from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.planning.prediction import predicted_progress
-from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.measured import Sensor, Signal
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.identification import identify
@@ -206,6 +206,16 @@ def test_before_the_vehicle_moves_nothing_is_known():
     for tick in range(100):
         live.sense(Sensor.POSITION, START + tick * SECOND // 100, (0.0, 0.0))
     assert live.update() is None
+
+
+def test_sensors_that_tell_zeros_only_are_left_out():
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    position = drive.signals[Sensor.POSITION]
+    nothing = Signal(position.time, np.zeros((len(position.time), 1)))
+    zeros = {Sensor.LATERAL_ACCELERATION: nothing, Sensor.YAW_RATE: nothing}
+    with_zeros, _ = fed(replace(drive, signals={Sensor.POSITION: position, **zeros}), updates=False)
+    alone, _ = fed(replace(drive, signals={Sensor.POSITION: position}), updates=False)
+    assert with_zeros.end() == alone.end()
 
 
 def positions_of(drive, end):

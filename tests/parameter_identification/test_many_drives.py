@@ -242,6 +242,19 @@ def test_a_copy_in_another_file_or_format_is_the_same_drive(bags, tmp_path):
             identify_many([bags[0], same], VEHICLE, folder=tmp_path / "work")
 
 
+def test_a_copy_that_was_cut_is_the_same_drive(bags, tmp_path):
+    cut = tmp_path / "cut"
+    options = "--output", str(cut), "--duration", "6"
+    assert main(["bag", "convert", str(bags[0]), *options]) == 0
+    for both in ([bags[0], cut], [cut, bags[0]]):
+        with pytest.raises(IdentificationError, match="are the same drive"):
+            identify_many(both, VEHICLE, folder=tmp_path / "work")
+    several = [*bags[:2], cut]
+    found = identify_many(several, VEHICLE, folder=tmp_path / "work", leave_out=True)
+    assert found.left_out == (f"{cut} and {bags[0]} are the same drive",)
+    assert len(found.drives) == 2
+
+
 def test_a_bag_that_was_cut_off_is_known_to_be(bags, tmp_path):
     torn = tmp_path / "torn"
     shutil.copytree(bags[0], torn)

@@ -30,6 +30,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.measured import Input, MeasuredDrive
+from parameter_identification.drives.names import told_apart
 from parameter_identification.estimation.bootstrap import REPEATS, Redraw, bootstrap_deviations
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.estimates import estimates_of
@@ -116,7 +117,7 @@ def identify(
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        One or more, of the same vehicle.
+        One or more, of the same vehicle. Of equal names, the later ones get a number.
     vehicle : Vehicle
         Known constants, nominal values and ranges.
     parameters : sequence of str, optional
@@ -185,6 +186,8 @@ def identify(
     known = asked if hold_others else vehicle
     everything = [*drives, *held_out]
     check_drives(everything, vehicle, other_vehicle=other_vehicle)
+    everything = told_apart(everything)
+    drives, held_out = everything[: len(drives)], everything[len(drives) :]
     measured = _measured(everything, vehicle, inputs, simulator)
     unneeded = {name for one in measured for name in OF_INPUT[one]}
     estimated = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)

@@ -73,8 +73,8 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
 
     All that was estimated together is its nominal value: parameters, and effects that are constants
     of the vehicle. Parameters that the drives show get as range three standard deviations either
-    side, so that the next plan looks for what is still unknown; the others keep theirs. Each entry
-    names its source.
+    side, so that the next plan looks for what is still unknown; the others keep theirs. That of a
+    constant that was held is widened where an effect takes it further. Each entry names its source.
 
     The boards are set up with the file. What an effect says about them (`OF_BOARDS`) is not written
     into it, nor is what would make it too stiff for the simulation.
@@ -128,7 +128,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
 def _write_effects(
     document: Any, vehicle: Vehicle, found: Identification | ManyDrives
 ) -> frozenset[str]:
-    """Write effects that are constants into a vehicle's document; return their names."""
+    """Write effects that are constants into a vehicle's document; return those wholly in it."""
     ranges, estimated = vehicle.unknown, {*found.parameters, *found.others}
     unknown = {name: ends for name, ends in ranges.items() if name in estimated}
     before = dataclasses.replace(vehicle, unknown=unknown)  # those that were held may have effects
@@ -152,10 +152,12 @@ def _write_effects(
         entry = document["constants"].setdefault(name, {})
         about = f"with the effects found in {named_drives(found)}; before: {plain[name]:.5g}, "
         about += entry.get("about", "the default")
+        if value in after.bounds(name):
+            about = f"at the end of what any vehicle has, {about}"
         entry.update(unit=after.unit(name), basis="data", about=about)
         if name in ranges:
             low, high = ranges[name]
-            entry.update(nominal=min(max(value, low), high), range=[low, high])
+            entry.update(nominal=value, range=[min(value, low), max(value, high)])
         else:
             entry["value"] = value
     return held

@@ -37,6 +37,7 @@ from parameter_identification.drives.measured import (
     resolved,
 )
 from parameter_identification.drives.recorded import SteeredLeadIn
+from parameter_identification.drives.samples import measures_nothing
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
 from parameter_identification.estimation.intervals import relative_half_width
@@ -58,6 +59,9 @@ _LIVE = (  # sensors that a monitor listens to
     *(Sensor.POSITION, Sensor.HEADING, Sensor.YAW_RATE),
     *(Sensor.WHEEL_SPEED, Sensor.LATERAL_ACCELERATION),
 )
+
+OF_POSE = Sensor.POSITION, Sensor.HEADING
+"""Sensors that may tell zeros only, on a way along an axis; others then measure nothing."""
 
 KEPT = 5 * SECOND
 """Age of samples that are kept without a drive [ns]: the start event may be heard late."""
@@ -521,6 +525,8 @@ class LiveIdentification:
                     rows = np.unwrap(rows, axis=0)
                 jitter = STAMP_JITTER.get(sensor, 0.0)
                 signal = Signal(time, rows, jitter).between(-STANDSTILL, end)
+                if sensor not in OF_POSE and measures_nothing(signal.values):
+                    continue
                 if len(signal.time) >= MIN_POSITIONS:
                     signals[sensor] = signal
         if Sensor.WHEEL_SPEED in signals:

@@ -9,13 +9,18 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
-from parameter_identification.drives.kept import content_key, is_kept, keep, positions_key
+from parameter_identification.drives.kept import content_key, is_kept, keep, positions_of
 from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
-from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
+from parameter_identification.estimation.checks import (
+    check_motion,
+    check_reference,
+    check_signs,
+    same_drives,
+)
 from parameter_identification.workers import each
 from tricycle_core.errors import ExcitationError, IdentificationError, naming
-from tricycle_core.quantities import Progress
+from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.vehicle import Vehicle
 
 NAMED = 3  # bags in a message, of many that are at fault
@@ -59,24 +64,28 @@ def read_bags(
         If a bag cannot be used, or comes twice.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    known: dict[Path, Path] = {}  # file by bag
-    measured: dict[str, Path] = {}  # bag by what was measured
+    known: list[tuple[Path, Path]] = []  # bags and their files
+    positions: list[FloatArray] = []  # of each
     left_out: list[str] = []
     jobs = [(bag, vehicle, folder, topics, other_vehicle) for bag in bags]
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
-        if not reason and (key := positions_key(file)) in measured:
-            reason = f"{bag} and {measured[key]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
         if reason:
             left_out.append(reason)
         else:
-            known[bag], measured[key] = file, bag
+            known.append((bag, file))
+            positions.append(positions_of(file))
         if progress is not None:
             progress(done, len(bags))
-    return known, left_out
+    same = same_drives(positions)
+    for later, earlier in same.items():
+        left_out.append(f"{known[later][0]} and {known[earlier][0]} are the same drive")
+        if not leave_out:
+            raise IdentificationError(left_out[-1])
+    return dict(one for number, one in enumerate(known) if number not in same), left_out
 
 
 def _read(job: tuple[Path, Vehicle, Path, TopicNames | None, bool]) -> tuple[Path, str]:

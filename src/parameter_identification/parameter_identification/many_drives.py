@@ -23,6 +23,7 @@ import numpy as np
 from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.kept import beginning_of, load_kept, measured_in
 from parameter_identification.drives.measured import Input, MeasuredDrive
+from parameter_identification.drives.names import names_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.interval_correction import corrected
@@ -275,17 +276,6 @@ def _weigh(fit: VehicleFit) -> _Average:
     return _Average(mixture, tuple((mixture.weights @ mixture.acting).tolist()))
 
 
-def _names_of(bags: Sequence[Path]) -> list[str]:
-    """Names of bags, with as many of the folders that they are in as tell them apart."""
-    names: list[str] = []
-    for folders in range(1 + max(len(bag.parts) for bag in bags)):
-        first = [max(len(bag.parts) - 1 - folders, 0) for bag in bags]
-        names = ["/".join((*b.parts[i:-1], b.stem)) for b, i in zip(bags, first, strict=True)]
-        if len(set(names)) == len(names):
-            break
-    return names
-
-
 def result_of(
     fit: VehicleFit,
     files: Mapping[Path, Path],
@@ -354,7 +344,7 @@ def result_of(
         if e.process and e.name in setting.sizes
     ]
     bags = {file: bag for bag, file in files.items()}
-    names = _names_of([bags[file] for file in fit.files])
+    names = names_of([bags[file] for file in fit.files])
     shares = [replace(s, name=name) for s, name in zip(quadratic.shares, names, strict=True)]
     return ManyDrives(
         parameters=estimates,

@@ -71,13 +71,14 @@ def read_drives(args: Namespace, vehicle: Vehicle, columns: Columns | None) -> R
         If a bag cannot be read.
     """
     from parameter_identification.drives.measured_from_bag import read_measured_drive
+    from parameter_identification.drives.names import name_of
     from parameter_identification.drives.windows import Windows
 
     topics = topics_of(args)
     asked = {"length": args.window, "every": args.every, "above": args.above}
     windows = Windows(**{name: value for name, value in asked.items() if value is not None})
     paths = [*args.drives, *args.held_out]
-    alike = len({path.stem for path in paths}) < len(paths)
+    alike = len({p.stem if is_table(p) else name_of(p) for p in paths}) < len(paths)
     read = ReadDrives()
     with progress_bar("reading drives") as progress:
         for done, path in enumerate(paths, start=1):
@@ -86,10 +87,11 @@ def read_drives(args: Namespace, vehicle: Vehicle, columns: Columns | None) -> R
                 table, drives, remark = _windows_of(path, vehicle, columns, windows)
                 read.remarks.append(remark)
                 read.tables += [table] if used else []
+                if alike:
+                    drives = [replace(one, name=f"{path.parent}/{one.name}") for one in drives]
             else:
-                drives = [read_measured_drive(path, vehicle, topics=topics)]
-            if alike:
-                drives = [replace(drive, name=f"{path.parent}/{drive.name}") for drive in drives]
+                drive = read_measured_drive(path, vehicle, topics=topics)
+                drives = [replace(drive, name=str(path)) if alike else drive]
             (read.used if used else read.held_out).extend(drives)
             progress(done, len(paths))
     return read

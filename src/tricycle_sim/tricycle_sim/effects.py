@@ -331,10 +331,11 @@ def affected_constants(
 
 
 def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle, frozenset[str]]:
-    """Return a vehicle with the estimated effects in its constants, and the names of these effects.
+    """Return a vehicle with the estimated effects in its constants, and which are wholly in them.
 
     Others are left out: those of sensors, the dead time of the drive and deviations, of which the
-    vehicle has no constants, and what would make it stiffer than the simulation's steps allow.
+    vehicle has no constants, and what would make it stiffer than the simulation's steps allow. One
+    that takes a constant beyond what any vehicle has acts up to there, and is not named.
 
     Parameters
     ----------
@@ -346,23 +347,23 @@ def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle
     from tricycle_sim.vehicle import stability  # numba takes time to import
 
     allowed = max(stability.LIMIT / TICK, stability.fastest_mode(vehicle)[0])
-    found, held = vehicle, set[str]()
+    found, held, acting = vehicle, set[str](), set[str]()
     effects = [e for e in effects_of(vehicle, EFFECTS) if estimates.get(e.name)]
     for e in (*effects, *effects):  # one that makes it too stiff may do so no longer with others
         constants, parts = e.constants, e.parts
         if e.name == SERVO_DEAD_TIME:
             constants, parts = {"servo_delay": 1.0}, _extensions(vehicle, {"servo_delay"})
         more, value = extend(found, parts), estimates[e.name]
-        if e.name in held or not constants or not set(constants) <= set(more.values):
+        if e.name in acting or not constants or not set(constants) <= set(more.values):
             continue
-        changes = {
-            c: float(np.clip(more.values[c] + per * value, *more.bounds(c)))
-            for c, per in constants.items()
-        }
-        more = more.replace(**changes)
+        wanted = {c: more.values[c] + per * value for c, per in constants.items()}
+        possible = {c: float(np.clip(v, *more.bounds(c))) for c, v in wanted.items()}
+        more = more.replace(**possible)
         if stability.fastest_mode(more)[0] <= allowed:
             found = more
-            held.add(e.name)
+            acting.add(e.name)
+            if np.allclose([*possible.values()], [*wanted.values()]):
+                held.add(e.name)
     return found, frozenset(held)
 
 

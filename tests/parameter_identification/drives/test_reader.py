@@ -161,6 +161,32 @@ def test_wheels_may_come_in_messages_of_their_own_and_a_gyro_may_say_that_it_is_
     assert np.isnan(drive.imu.yaw_rate).all()
 
 
+def test_steering_and_rear_wheel_may_come_in_messages_of_their_own(tmp_path: Path) -> None:
+    states = []
+    for i in range(200):
+        at = START + 10**7 * i
+        states.append((at, velocities(at, {"steering_motor_joint": 0.0}, [1e-3 * i])))
+        states.append((at + 10**6, velocities(at + 10**6, {"rear_wheel_joint": 3.0})))
+    scene = Scene(deviation=sideways(0.1))
+    scene.more = {"/joint_states": ("sensor_msgs/msg/JointState", states)}
+    joints = read_drive(scene.write(tmp_path / "bag")).joint_states
+    assert joints is not None
+    angle, rate = joints.steering_motor_angle, joints.wheel_rate
+    np.testing.assert_allclose(angle[~np.isnan(angle)], 1e-3 * np.arange(200))
+    np.testing.assert_allclose(joints.time[~np.isnan(angle)], 0.01 * np.arange(200))
+    np.testing.assert_array_equal(rate[~np.isnan(rate)], np.full(200, 3.0))
+
+
+def test_an_accelerometer_that_tells_zeros_only_is_none(tmp_path: Path) -> None:
+    scene = Scene(deviation=sideways(0.1))
+    samples = [(START + 10**7 * i, imu(START + 10**7 * i, 0.1)) for i in range(20)]
+    scene.more = {"/imu": ("sensor_msgs/msg/Imu", samples)}
+    drive = read_drive(scene.write(tmp_path / "bag"))
+    assert drive.imu is not None
+    assert np.isnan(drive.imu.lateral_acceleration).all()
+    assert (drive.imu.yaw_rate == 0.1).all()
+
+
 def test_set_points_of_others_than_the_driver_do_not_count(tmp_path: Path) -> None:
     """The bridge refused them; those of the driver may be recorded in another order."""
     joints, first = ["steering_motor_joint", "rear_wheel_joint"], START - 10**9

@@ -17,6 +17,7 @@ from parameter_identification.estimation.checks import (
     check_motion,
     check_reference,
     check_signs,
+    same_drives,
 )
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
@@ -47,6 +48,16 @@ def test_the_same_drive_does_not_count_twice(pair):
     cut = dataclasses.replace(pair[0], name="cut", signals=signals)
     with pytest.raises(IdentificationError, match="circle and cut are the same drive"):
         check_drives([pair[0], cut], VEHICLE)
+
+
+def test_each_drive_is_compared_with_those_that_count():
+    rng = np.random.default_rng(0)
+    way = np.vstack([np.zeros(2), rng.normal(size=(40, 2))])
+    other = np.vstack([np.zeros(2), rng.normal(size=(40, 2))])  # of the same start
+    assert same_drives([way, other, way[:-5], other[10:], way[:25]]) == {2: 0, 3: 1, 4: 0}
+    assert same_drives([way[:25], way[10:], way[20:]]) == {1: 0}
+    assert same_drives([way, other]) == {}
+    assert same_drives([way]) == same_drives([]) == {}
 
 
 def test_too_little_motion_is_refused(pair):

@@ -1,10 +1,12 @@
 """The subcommand identify: what it refuses, and hundreds of bags drive by drive."""
 
 import json
-from argparse import ArgumentParser
+import shutil
+from argparse import ArgumentParser, Namespace
 
 import numpy as np
 import pytest
+from driven_bags import SimulatedBag
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
@@ -18,7 +20,7 @@ from parameter_identification.estimation.results import Estimate
 from parameter_identification.identification_file import load_identification_file
 from parameter_identification.many_drives import ManyDrives
 from tricycle_cli.completion import words_of
-from tricycle_cli.drives import _windows_of
+from tricycle_cli.drives import _windows_of, read_drives
 from tricycle_cli.options import add_topic_options
 from tricycle_core.errors import ExcitationError, IdentificationError, VehicleError
 from tricycle_sim.vehicle import load_vehicle
@@ -47,6 +49,21 @@ def test_what_drive_by_drive_cannot_do_is_refused(tricycle, tmp_path, more, mess
     with pytest.raises(IdentificationError, match=message):
         tricycle("identify", tmp_path / "bag", "--drive-by-drive", tmp_path / "work", *more)
     assert not (tmp_path / "work").exists()
+
+
+def test_bags_of_one_name_are_told_apart_by_their_paths(tmp_path):
+    whole = SimulatedBag().write(tmp_path / "drive.1")
+    (inside,) = whole.glob("*.mcap")
+    other = shutil.copytree(whole, tmp_path / "drive.2")
+    parser = ArgumentParser()
+    add_topic_options(parser)
+    args = parser.parse_args([], Namespace(held_out=[], window=None, every=None, above=None))
+    for drives, names in (
+        ([whole, other], ["drive.1", "drive.2"]),
+        ([inside, other / inside.name], [str(inside), str(other / inside.name)]),
+    ):
+        args.drives = drives
+        assert [drive.name for drive in read_drives(args, VEHICLE, None).used] == names
 
 
 def test_without_a_worker_nothing_is_read(tricycle, tmp_path, capsys):

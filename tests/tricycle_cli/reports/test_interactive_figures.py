@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from excitation_planner.plan import SearchHistory
+from parameter_identification.drives.recorded import JointStates
 from parameter_identification.identification_file import IdentificationDocument
 from tricycle_cli.reports import interactive_figures
 from tricycle_cli.reports.figure_files import matplotlib_figure
@@ -30,6 +31,15 @@ def test_a_search_over_three_parameters_is_drawn_over_each(plan):
     figure = interactive_figures.search_path(wide, search)
     assert [trace.name for trace in figure.data] == ["tried"] * 3 + ["the plan"]
     assert [axis.title.text for axis in figure.select_xaxes()] == ["a", "b", "c"]
+
+
+def test_joints_of_messages_of_their_own_are_lines_without_gaps():
+    none, time = np.full(4, np.nan), np.arange(4.0)
+    angle, rate = np.array([0.1, np.nan, 0.2, np.nan]), np.array([np.nan, 3.0, np.nan, 4.0])
+    figure = interactive_figures.commands(None, JointStates(time, angle, rate, none))
+    steering, wheel = figure.data
+    np.testing.assert_array_equal([steering.x, steering.y], [[0.0, 2.0], [0.1, 0.2]])
+    np.testing.assert_array_equal([wheel.x, wheel.y], [[1.0, 3.0], [3.0, 4.0]])
 
 
 def test_maneuvers_without_a_cost_are_drawn_above_the_others(plan):

@@ -17,9 +17,10 @@ from parameter_identification.drives.measured import (
     resolved,
     usable,
 )
+from parameter_identification.drives.names import name_of
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames
-from parameter_identification.drives.samples import Samples
+from parameter_identification.drives.samples import Samples, measures_nothing
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
 from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.quantities import FloatArray
@@ -92,7 +93,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         commands = commands.until(drive.ended_early)
     end = commands.duration
     return MeasuredDrive(
-        name=drive.bag.stem,
+        name=name_of(drive.bag),
         commands=commands,
         signals=usable(_signals(drive, vehicle, end), vehicle),
         reference=drive.reference,
@@ -118,7 +119,7 @@ def _signals(drive: RecordedDrive, vehicle: Vehicle, end: float) -> dict[Sensor,
         ]
     if (joints := drive.joint_states) is not None:
         optional.append((Sensor.WHEEL_SPEED, joints.time, joints.wheel_rate))
-        if np.nan_to_num(joints.motor_torque).any():  # drivers that measure none write zeros
+        if not measures_nothing(joints.motor_torque):
             optional.append((Sensor.MOTOR_TORQUE, joints.time, joints.motor_torque))
     for sensor, time, values in optional:
         if (measured := ~np.isnan(values)).any():

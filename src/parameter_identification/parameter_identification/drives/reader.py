@@ -23,7 +23,7 @@ from parameter_identification.drives.recorded import (
     SteeredLeadIn,
     TopicNames,
 )
-from parameter_identification.drives.samples import Samples
+from parameter_identification.drives.samples import Samples, measures_nothing
 from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
 from trajectory_recorder.bag.topics import deserialize
 from tricycle_core.diagnostics import values_of
@@ -410,7 +410,7 @@ def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readi
 
 
 def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
-    """Joint states with the speed or torque of the rear wheel; None where no message has them."""
+    """Joint states with anything of either joint; None where no message has that."""
     rows = []
     for message in messages:
         names = list(message.name)
@@ -418,7 +418,7 @@ def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
             dict(zip(names, values, strict=False))
             for values in (message.position, message.velocity, message.effort)
         )
-        if REAR_WHEEL_JOINT in rates.keys() | efforts.keys():
+        if STEERING_JOINT in angles or REAR_WHEEL_JOINT in rates.keys() | efforts.keys():
             wheel = (values.get(REAR_WHEEL_JOINT, nan) for values in (rates, efforts))
             rows.append((stamp_of(message) - start, angles.get(STEERING_JOINT, nan), *wheel))
     if not rows:
@@ -451,6 +451,6 @@ def _imu_samples(messages: Iterable[Any], start: int) -> ImuSamples | None:
     if not rows:
         return None
     time, rate, acceleration = np.array(rows, dtype=np.float64).T
-    if not np.nan_to_num(acceleration).any():  # as messages are made: nothing was measured
+    if measures_nothing(acceleration):
         acceleration = np.full_like(acceleration, nan)
     return ImuSamples(time * 1e-9, rate, acceleration)

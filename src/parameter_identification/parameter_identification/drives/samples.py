@@ -14,6 +14,17 @@ MAX_GAP = 0.2  # s between poses, or samples of an input, that are interpolated 
 GAP = 2.5  # periods between samples beyond which nothing is known between them
 
 
+def measures_nothing(values: FloatArray) -> bool:
+    """Return whether samples are all 0 or missing, as messages are made.
+
+    Parameters
+    ----------
+    values : ndarray of float, shape (m,) or (m, c)
+        Samples of a sensor, in any unit; NaN where one is missing.
+    """
+    return not np.nan_to_num(values).any()
+
+
 @dataclass(frozen=True, eq=False)
 class Samples:
     """Samples of one quantity.

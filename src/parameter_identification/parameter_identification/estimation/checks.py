@@ -1,7 +1,6 @@
 """Checks of measured drives before anything is estimated from them."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -67,12 +66,12 @@ def check_drives(
         If two are the same, the vehicle hardly moves, the drive was planned for another vehicle, or
         a sensor's axis points the other way.
     """
-    for a, b in itertools.combinations(drives, 2):
-        # counted twice, it would make the estimates look more certain than they are
-        if _share_positions(a, b):
-            if a.name == b.name:
-                raise IdentificationError(f"{a.name} is given twice")
-            raise IdentificationError(f"{a.name} and {b.name} are the same drive")
+    same = same_drives([drive.signals[Sensor.POSITION].values for drive in drives])
+    for later, earlier in same.items():
+        a, b = drives[earlier].name, drives[later].name
+        if a == b:
+            raise IdentificationError(f"{a} is given twice")
+        raise IdentificationError(f"{a} and {b} are the same drive")
     for drive in drives:
         check_motion(drive)
         if not other_vehicle:
@@ -80,12 +79,45 @@ def check_drives(
     check_signs(drives, vehicle)
 
 
-def _share_positions(a: MeasuredDrive, b: MeasuredDrive) -> bool:
-    """Whether most of the positions of the shorter drive are among those of the other."""
-    one, other = (
-        np.unique(drive.signals[Sensor.POSITION].values @ [1.0, 1.0j]) for drive in (a, b)
-    )
-    return 2 * len(np.intersect1d(one, other)) > min(len(one), len(other))
+def same_drives(positions: Sequence[FloatArray]) -> dict[int, int]:
+    """Return which drives repeat an earlier one: most positions of the shorter are the other's too.
+
+    Counted twice, a drive would make estimates look more certain than they are.
+
+    Parameters
+    ----------
+    positions : sequence of ndarray of float, shape (m, 2)
+        Positions of each drive [m]; the numbers of drives are their places here.
+
+    Returns
+    -------
+    earlier : dict of int to int
+        By the number of a drive, that of the first one which it repeats and which repeats none.
+    """
+    n = len(positions)
+    if n < 2:
+        return {}
+    points = [np.unique(one @ [1.0, 1.0j]) for one in positions]
+    sizes = np.array([len(one) for one in points])
+    every, owner = np.concatenate(points), np.repeat(np.arange(n), sizes)
+    order = np.argsort(every, kind="stable")
+    every, owner = every[order], owner[order]
+    repeated = np.flatnonzero(every[1:] == every[:-1])
+    several = np.union1d(repeated, repeated + 1)
+    every, owner = every[several], owner[several]
+    pairs = [np.empty(0, dtype=np.intp)]
+    for apart in range(1, n):
+        same = every[apart:] == every[:-apart]
+        if not same.any():
+            break
+        pairs.append(owner[apart:][same] * n + owner[:-apart][same])
+    both, shared = np.unique(np.concatenate(pairs), return_counts=True)
+    alike = both[2 * shared > np.minimum(sizes[both // n], sizes[both % n])]
+    found: dict[int, int] = {}
+    for later, earlier in zip((alike // n).tolist(), (alike % n).tolist(), strict=True):
+        if later not in found and earlier not in found:
+            found[later] = earlier
+    return found
 
 
 def check_motion(drive: MeasuredDrive) -> None:

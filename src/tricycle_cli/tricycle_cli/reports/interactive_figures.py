@@ -125,15 +125,17 @@ def commands(plan: Plan | None, joints: JointStates | None) -> go.Figure:
                 legendgroup="command", showlegend=row == 1, row=row, col=1,
             )  # fmt: skip
     if joints is not None:
-        time, angle, rate = _thinned(joints.time, joints.steering_motor_angle, joints.wheel_rate)
-        for row, value in ((1, angle), (2, rate if plan is None else rate * plan.tyre_radius)):
+        speed = joints.wheel_rate * (1.0 if plan is None else plan.tyre_radius)
+        for row, value in ((1, joints.steering_motor_angle), (2, speed)):
+            there = ~np.isnan(value)  # each joint may come in messages of its own
+            time, seen = _thinned(joints.time[there], value[there])
             figure.add_scatter(
-                x=time, y=value, name="measured", line=_line(VERMILLION), legendgroup="measured",
+                x=time, y=seen, name="measured", line=_line(VERMILLION), legendgroup="measured",
                 showlegend=row == 1, row=row, col=1,
             )  # fmt: skip
     figure.update_yaxes(title="steering motor / rad", row=1, col=1)
-    speed = "rear wheel / (rad/s)" if plan is None else "speed / (m/s)"
-    figure.update_yaxes(title=speed, row=2, col=1)
+    title = "rear wheel / (rad/s)" if plan is None else "speed / (m/s)"
+    figure.update_yaxes(title=title, row=2, col=1)
     return _in_time(figure)
 
 
