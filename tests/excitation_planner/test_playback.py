@@ -811,6 +811,75 @@ def test_hold_to_run_released_or_silent_ends_the_run_and_is_needed_to_start():
     assert playback.reason == "nothing heard on maneuver/hold for 0.21 s"
 
 
+def rolling_out(**options):
+    """A playback whose maneuver is done at t = 10.05; the vehicle still does 2 m/s."""
+    playback = ready(**options)
+    playback.hold(pressed=True, now=9.5)
+    start(playback, 10.0)
+    playback.hold(pressed=True, now=10.0)
+    playback.tick(10.0)
+    playback.observe(replace(AT_REST, speed=2.0), 10.05, 10.05)
+    assert playback.tick(10.05) == JointCommand(0.3, 0.0)
+    assert playback.state is PlaybackState.DONE
+    return playback
+
+
+STOPPED = JointCommand(0.3, 0.0, stop=True)
+
+
+def test_a_button_that_is_released_while_the_vehicle_rolls_out_stops_it():
+    playback = rolling_out(hold_timeout=0.2)
+    playback.hold(pressed=False, now=10.06)
+    assert playback.tick(10.06) == STOPPED
+    playback.hold(pressed=True, now=10.07)
+    assert playback.tick(10.07) == STOPPED
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "")
+    playback.hear(PRESSED, 10.08)  # the boards have stopped it
+    assert playback.tick(10.08) == JointCommand(0.3, 0.0)
+    playback.hold(pressed=False, now=10.09)
+    assert playback.tick(10.09) == JointCommand(0.3, 0.0)
+
+
+def test_a_button_that_falls_silent_while_the_vehicle_rolls_out_stops_it():
+    playback = rolling_out(hold_timeout=0.2)
+    playback.hold(pressed=True, now=10.06)
+    assert playback.tick(10.25) == JointCommand(0.3, 0.0)
+    assert playback.tick(10.27) == STOPPED
+
+
+def test_an_abort_while_the_vehicle_rolls_out_stops_it_and_at_rest_is_refused():
+    playback = rolling_out()
+    playback.abort("asked for")
+    assert playback.tick(10.06) == STOPPED
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "")
+    playback = rolling_out()
+    playback.observe(NOT_A_NUMBER, 10.06, 10.06)  # nobody knows whether it rests
+    playback.abort("asked for")
+    assert playback.tick(10.07) == STOPPED
+    playback = rolling_out()
+    playback.observe(AT_REST, 10.06, 10.06)
+    with pytest.raises(PlanError, match="no maneuver is running"):
+        playback.abort("asked for")
+    assert playback.tick(10.07) == JointCommand(0.3, 0.0)
+
+
+def test_a_vehicle_that_is_ended_early_at_speed_is_stopped_by_an_abort_too():
+    playback = running()
+    playback.observe(MOVING, 10.01, 10.01)
+    playback.finish("ended early")
+    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
+    playback.abort("asked for")
+    assert playback.tick(10.03) == STOP
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "ended early")
+
+
+def test_a_button_that_is_released_at_rest_after_a_run_stops_nothing():
+    playback = rolling_out(hold_timeout=0.2)
+    playback.observe(AT_REST, 10.06, 10.06)
+    playback.hold(pressed=False, now=10.07)
+    assert playback.tick(10.07) == JointCommand(0.3, 0.0)
+
+
 def returning(now=10.0):
     """A playback that has driven, stands 1 m ahead of its start, and is asked to go back."""
     playback = running(now)

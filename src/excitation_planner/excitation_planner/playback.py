@@ -217,6 +217,8 @@ class Playback:
     def hold(self, pressed: bool, now: float) -> None:
         """Take whether the hold-to-run button is pressed; a run is aborted at once if it is not.
 
+        A vehicle that rolls out after a run is stopped by the boards then, at the next tick.
+
         Parameters
         ----------
         pressed : bool
@@ -355,11 +357,22 @@ class Playback:
     def abort(self, reason: str) -> None:
         """Stop a running maneuver or the way back, by the boards once the wheels were to turn.
 
+        A vehicle that rolls out after a maneuver that is done is stopped by the boards too; the
+        maneuver stays done.
+
+        Parameters
+        ----------
+        reason : str
+            Why a run is aborted.
+
         Raises
         ------
         PlanError
-            If none is running.
+            If none is running, and the vehicle does not roll out.
         """
+        if self._rolls_out(self._ticked_at):
+            self._held = replace(self._held, stop=True)
+            return
         if not self._active:
             raise PlanError("no maneuver is running")
         self._end(PlaybackState.ABORTED, self._held.steering_motor_angle, reason)
@@ -408,7 +421,7 @@ class Playback:
             return None
         stopping = now - self._stopping_since
         if stopping < SHORTEST_STOP or (stopping < LONGEST_STOP and not self.watch.rests(now)):
-            if self.state is PlaybackState.DONE and self._rolls_out(now):
+            if self._rolls_out(now) and (self.watch.released(now) or self._leaves(now)):
                 self._held = replace(self._held, stop=True)
             return self._held
         self._stopping_since = None
@@ -592,8 +605,17 @@ class Playback:
         return self._trespass(self._fence, now, float(self._fence.curvature[row]) + led, push)
 
     def _rolls_out(self, now: float) -> bool:
+        """Whether a maneuver is done and the vehicle, armed, is not known to rest yet."""
+        return (
+            self.state is PlaybackState.DONE
+            and self._stopping_since is not None
+            and not self.watch.disarmed
+            and not self.watch.rests(now)
+        )
+
+    def _leaves(self, now: float) -> bool:
         """Whether the motor alone may not stop the vehicle on its area, e.g. on a slope."""
-        if self._fence is None or self.watch.disarmed or self.watch.rests(now):
+        if self._fence is None:
             return False
         return bool(self._trespass(self._fence, now, float(self._fence.curvature[-1]), 0.0))
 
