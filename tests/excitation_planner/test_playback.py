@@ -101,7 +101,11 @@ def test_in_the_lead_in_the_steering_leads_back_to_the_line_and_then_the_rows_al
     beside = replace(AT_REST, x=AT_REST.x - 0.1, speed=0.5)  # left of the line, which leads along y
     angles = {}
     for t in np.arange(10.0, 11.4, 0.01):
-        playback.observe(AT_REST if playback.start_time is None else beside, t, t)
+        if playback.start_time is None:
+            playback.observe(AT_REST, t, t)
+        else:
+            along = beside.y + 0.5 * (t - playback.start_time)
+            playback.observe(replace(beside, y=along), t, t)
         playback.hear(ARMED, t)
         command = playback.tick(t)
         if playback.start_time is not None:
@@ -128,6 +132,49 @@ def test_the_line_of_a_lead_in_is_where_the_vehicle_rests_not_where_it_came_from
         command = playback.tick(t)
     assert playback.state is PlaybackState.RUNNING
     assert command.steering_motor_angle == pytest.approx(0.1)
+
+
+def led_along(pose_at, until, lead_in=0.9):
+    """A playback of a plan without an area; `pose_at` says where the vehicle is after its start."""
+    playback = ready()
+    playback.load(Schedule(np.array([0.0, 2.0]), np.array([0.1, 0.1]), np.array([1.0, 1.0])), 7)
+    playback.parts.add_path(PATH, 7)
+    playback.parts.add_area("ground", ("", ()), 7)
+    playback.parts.add_lead_in(lead_in, 7)
+    playback.start(10.0)
+    for t in np.arange(10.0, 10.0 + PREPARATION + until, 0.01):
+        since = 0.0 if playback.start_time is None else t - playback.start_time
+        playback.observe(pose_at(since) if since else AT_REST, t, t)
+        playback.hear(ARMED, t)
+        playback.tick(t)
+    return playback
+
+
+def at_half_a_metre_per_second(since):
+    return replace(AT_REST, y=AT_REST.y + 0.5 * since, speed=0.5)
+
+
+def frozen(since):
+    return at_half_a_metre_per_second(min(since, 0.2))
+
+
+def jumped(since):
+    moved = at_half_a_metre_per_second(since)
+    return replace(moved, x=moved.x + 0.5 * (since > 0.2))
+
+
+@pytest.mark.parametrize(
+    ("pose_at", "reason"),
+    [(frozen, "the pose has been the same for"), (jumped, r"the pose is 0\.50 m from where")],
+)
+def test_a_pose_that_freezes_or_jumps_ends_a_lead_in_without_an_area_too(pose_at, reason):
+    playback = led_along(pose_at, 0.85)
+    assert playback.state is PlaybackState.ABORTED
+    assert re.search(reason, playback.reason)
+    assert led_along(at_half_a_metre_per_second, 1.5).state is PlaybackState.RUNNING
+    # open loop nothing is steered by it
+    assert led_along(pose_at, 1.5, lead_in=0.0).state is PlaybackState.RUNNING
+    assert led_along(pose_at, 1.5, lead_in=0.15).state is PlaybackState.RUNNING
 
 
 @pytest.mark.parametrize("end", [-0.1, np.nan, np.inf])

@@ -194,7 +194,7 @@ class Playback:
             self._resting.take(state, stamp)
         if not self._active:
             self._contradiction = contradiction
-        elif self._fence is not None or self._back is not None:
+        elif self._steered_by_pose or self._fence is not None:
             self._contradiction = self._contradiction or contradiction
 
     def hear(self, readiness: Readiness, now: float) -> None:
@@ -458,6 +458,11 @@ class Playback:
     def _active(self) -> bool:
         return self.state.driving
 
+    @property
+    def _steered_by_pose(self) -> bool:
+        """Whether the vehicle is steered closed loop: in a lead-in or on the way back."""
+        return self._line_keeping is not None or self._back is not None
+
     def _check_free(self) -> None:
         if self._active:
             raise PlanError("already running")
@@ -529,7 +534,7 @@ class Playback:
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
         if reason := (
-            self._unfit(now, directed=self._line_keeping is not None)
+            self._unfit(now, directed=self._steered_by_pose)
             or self._astray()
             or self._fenced_out(schedule, now, row)
         ):
