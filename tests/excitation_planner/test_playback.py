@@ -468,7 +468,9 @@ def test_silence_aborts(silent, reason, after):
         (NOT_A_NUMBER, 10.01, "is not finite"),
         (PlanarState(1.0, 2.0, math.inf, 0.0), 10.01, "is not finite"),
         (AT_REST, 15.0, "4.98 s ahead of the clock"),
-        (PlanarState(1e300, -1e300, 0.0, 1e300), 10.01, "m off the path"),
+        (PlanarState(1e300, -1e300, 0.0, 0.0), 10.01, "m off the path"),
+        (replace(AT_REST, speed=1e300), 10.01, "odom says 1e+300 m/s"),
+        (replace(AT_REST, yaw_rate=-50.0), 10.01, "odom says a turn rate of -50 rad/s"),
     ],
 )
 def test_a_pose_that_is_none_aborts(state, stamp, reason):
@@ -719,6 +721,44 @@ def test_the_fence_and_a_pose_that_jumps_abort(pose, reason):
     assert playback.tick(10.02) == JointCommand(0.1, 0.0)  # the wheels were not to turn yet
     assert playback.state is PlaybackState.ABORTED
     assert reason in playback.reason
+
+
+IMPLAUSIBLE = [
+    (replace(AT_REST_IN_ODOM, speed=1e3, yaw_rate=1.0), "odom says 1000 m/s"),
+    (replace(AT_REST_IN_ODOM, speed=1e6, yaw_rate=1.0), "odom says 1e+06 m/s"),
+    (replace(AT_REST_IN_ODOM, speed=1e200), "odom says 1e+200 m/s"),
+    (replace(AT_REST_IN_ODOM, yaw_rate=1e308), "odom says a turn rate of 1e+308 rad/s"),
+]
+
+
+@pytest.mark.parametrize(("state", "reason"), IMPLAUSIBLE)
+def test_a_motion_that_no_vehicle_has_fails_the_pre_flight_and_ends_a_run(state, reason):
+    playback = fenced(9.5)
+    playback.observe(state, 9.51, 9.51)
+    failing = {i.name: i.message for i in playback.preflight(9.51) if i.level is Level.ERROR}
+    assert failing.keys() <= {"localisation", "standstill"}
+    assert reason in failing["localisation"]
+    with pytest.raises(PlanError, match=re.escape(reason)):
+        playback.start(9.51)
+    playback.observe(AT_REST_IN_ODOM, 9.52, 9.52)
+    playback.start(9.52)
+    playback.observe(state, 9.53, 9.53)
+    playback.tick(9.53)
+    assert playback.state is PlaybackState.ABORTED
+    assert reason in playback.reason
+
+
+@pytest.mark.parametrize(("state", "reason"), IMPLAUSIBLE)
+def test_a_motion_that_no_vehicle_has_stops_the_one_that_rolls_out_on_its_area(state, reason):
+    playback = fenced(9.5)
+    playback.start(9.5)
+    for t in (10.0, 10.05):
+        playback.observe(AT_REST_IN_ODOM, t, t)
+        assert playback.tick(t) is not None
+    assert playback.tick(10.06) == JointCommand(0.3, 0.0)
+    playback.observe(state, 10.07, 10.07)
+    assert playback.tick(10.07) == JointCommand(0.3, 0.0, stop=True)
+    assert playback.state is PlaybackState.DONE
 
 
 def test_nothing_is_commanded_during_the_countdown():

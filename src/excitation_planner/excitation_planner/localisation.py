@@ -7,7 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from excitation_planner.preflight import Check
+from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.diagnostics import Level
+
+FASTEST = 2.0 * MAX_SPEED
+"""Speed beyond which a message is wrong, whatever the vehicle does [m/s]."""
+
+FASTEST_TURN = 10.0
+"""The same for the yaw rate [rad/s]."""
 
 JUMP = 0.3
 """Distance between a pose and its prediction by the velocity that noise cannot explain [m]."""
@@ -68,6 +75,18 @@ class PlanarState:
     def turns_known(self) -> bool:
         """Whether turn rate and direction of the motion are numbers."""
         return math.isfinite(self.yaw_rate) and math.isfinite(self.slip)
+
+    @property
+    def implausible(self) -> str:
+        """Why no vehicle moves so; empty if one may."""
+        if self.speed > FASTEST:
+            return f"odom says {self.speed:.4g} m/s, faster than any vehicle ({FASTEST:g} m/s)"
+        if abs(self.yaw_rate) > FASTEST_TURN:
+            return (
+                f"odom says a turn rate of {self.yaw_rate:.4g} rad/s, faster than any vehicle "
+                f"({FASTEST_TURN:g} rad/s)"
+            )
+        return ""
 
     def after(self, time: float) -> tuple[float, float, float]:
         """Return the pose x, y [m], heading [rad] a short time later, at constant motion.

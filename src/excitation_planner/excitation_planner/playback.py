@@ -186,8 +186,8 @@ class Playback:
             Time of receipt [s].
         """
         self.watch.observe(state, stamp, now)
-        if not state.finite:
-            return
+        if not state.finite or state.implausible:
+            return  # `pose_lost` says so
         driven = self.state in DRIVEN and self._held.wheel_rate != 0.0
         contradiction = self._poses.contradiction(state, stamp, driven=driven)
         if self.state not in DRIVEN:
@@ -491,6 +491,8 @@ class Playback:
         if fence is None:
             limit = f"no area: only max_deviation, {self.max_deviation:g} m, limits the drive"
             return (Check("ground", limit, Level.WARN),)
+        if self.watch.pose_lost(now):  # the localisation's check says why
+            return ()
         rates = plan.schedule.wheel_rate
         push = float(rates[np.flatnonzero(rates)[:1]].sum())
         outside = self._trespass(fence, now, float(fence.curvature[0]), push)
