@@ -121,7 +121,9 @@ def test_the_line_of_a_lead_in_is_where_the_vehicle_rests_not_where_it_came_from
     playback.parts.add_path(PATH, 7)
     playback.parts.add_lead_in(0.9, 7)
     for t in np.arange(9.0, 10.0, 0.02):  # in a turn until just before the start
-        turning = replace(AT_REST, yaw=AT_REST.yaw + 0.3 * (t - 10.0), speed=0.3)
+        turn = 0.3 * (t - 10.0)
+        y, yaw = AT_REST.y + turn, AT_REST.yaw + turn
+        turning = replace(AT_REST, y=y, yaw=yaw, speed=0.3, yaw_rate=0.3)
         playback.observe(turning, t, t)
     playback.observe(AT_REST, 10.0, 10.0)
     playback.hear(ARMED, 10.0)
@@ -368,6 +370,33 @@ def test_a_pose_that_jumps_at_rest_refuses_the_start_until_it_has_stayed_for_a_s
         playback.observe(away, 10.1 + 0.05 * k, 10.1 + 0.05 * k)
         playback.hear(ARMED, 10.1 + 0.05 * k)
     playback.start(11.31)
+
+
+def test_one_stamp_ahead_does_not_hide_a_jump_at_rest():
+    playback = ready()
+    playback.observe(AT_REST, 60.0, 10.05)
+    playback.observe(replace(AT_REST, x=3.0), 10.1, 10.1)
+    with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
+        playback.start(10.1)
+
+
+def test_stamps_of_a_clock_that_was_set_back_begin_anew():
+    playback = ready()
+    for t in (5.0, 5.05):
+        playback.observe(AT_REST, t, t)
+    playback.hear(ARMED, 5.1)
+    playback.observe(replace(AT_REST, x=3.0), 5.1, 5.1)
+    with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
+        playback.start(5.1)
+
+
+def test_a_message_that_is_repeated_does_not_hide_a_jump_at_rest():
+    playback = ready()
+    away = replace(AT_REST, x=3.0)
+    for received in (10.05, 10.06, 10.07):
+        playback.observe(away, 10.05, received)
+    with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
+        playback.start(10.1)
 
 
 def test_a_check_of_another_node_refuses_the_start_with_its_name():

@@ -120,9 +120,13 @@ class PoseWatch:
 
     _tracks: deque[_Track] = field(default_factory=deque)
     _changed_at: float = -math.inf
+    _verdict: str = ""
 
     def contradiction(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
         """Take a pose; return why no vehicle can have moved there, or an empty string.
+
+        A pose with the stamp of the newest one is none: the answer is the same again. One with an
+        older stamp is held against those before it.
 
         Parameters
         ----------
@@ -133,16 +137,22 @@ class PoseWatch:
         driven : bool
             Whether the wheels are commanded to turn.
         """
+        if not self._tracks or stamp != self._tracks[-1].stamp:
+            self._verdict = self._judge(state, stamp, driven=driven)
+        return self._verdict
+
+    def _judge(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
         if not state.turns_known:
             self._tracks.clear()  # nothing tells where it leads
             return ""
+        while self._tracks and self._tracks[-1].stamp >= stamp:
+            self._tracks.pop()  # of a clock that was ahead: it must not blind the watch until then
+        self._changed_at = min(self._changed_at, stamp)
         if not self._tracks:
             self._tracks.append(_Track(stamp, state))
             self._changed_at = stamp
             return ""
         last = self._tracks[-1]
-        if stamp <= last.stamp:
-            return ""
         before = last.state
         if not driven or (state.x, state.y, state.yaw) != (before.x, before.y, before.yaw):
             self._changed_at = stamp

@@ -222,6 +222,8 @@ def test_the_watch_finds_jumps_and_what_is_frozen_but_no_motion() -> None:
     assert "heading" in watched(gap)  # a lost turn rate blinds it for no longer than it lasts
     assert "velocity led" in watched([(t, at(0.0, 0.0, 0.0, 1.0)) for t in times])
     assert "the same for" in watched([(t, at(0.0, 0.0)) for t in times])
+    ahead = [(0.0, at(0.0, 0.0)), (50.0, at(0.001, 0.0)), *((t, at(0.0, 0.0)) for t in times[1:])]
+    assert "the same for 0.5" in watched(ahead)  # a stamp ahead blinds it for no longer either
     drifting = [(t, at(s.x + 0.5 * t, s.y, s.yaw, 1.0, 0.5)) for t, s in turning]
     assert "velocity led" in watched(drifting)
 
