@@ -529,6 +529,12 @@ def test_a_driver_or_a_clock_that_leaves_out_commands_aborts():
     assert playback.reason.startswith("for 0.12 s no command was sent")
 
 
+def test_a_driver_that_is_held_up_while_the_clock_is_set_back_aborts():
+    playback = running()
+    assert playback.tick(10.01, 0.12) == STOP
+    assert playback.reason.startswith("for 0.12 s no command was sent")
+
+
 def test_a_clock_that_jumps_back_aborts_and_makes_what_was_heard_unknown():
     playback = running()
     assert playback.tick(7.0) == STOP

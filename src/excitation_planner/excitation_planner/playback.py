@@ -394,11 +394,18 @@ class Playback:
             raise PlanError("no maneuver is running")
         self._finishing = reason
 
-    def tick(self, now: float) -> JointCommand | None:
+    def tick(self, now: float, held_up: float = 0.0) -> JointCommand | None:
         """Return the command for now.
 
         After a run it is standstill until the vehicle rests, after an aborted one first a stop
         until the vehicle is not armed; then, and before a run, None: nothing is commanded.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        held_up : float
+            Time since the last tick by a clock that cannot be set, unlike that of `now` [s].
         """
         back = self._ticked_at - now
         self._ticked_at = now
@@ -409,9 +416,9 @@ class Playback:
                 self._stopping_since = now
             if self._active:
                 self.abort(f"the clock jumped back by {back:.2f} s")
-        elif -back > STALL and self.state is PlaybackState.RUNNING:
+        elif (late := max(-back, held_up)) > STALL and self.state is PlaybackState.RUNNING:
             self.abort(
-                f"for {-back:.2f} s no command was sent: a busy computer, or a clock that was set"
+                f"for {late:.2f} s no command was sent: a busy computer, or a clock that was set"
             )
         if self._back is not None:
             return self._return(self._back, now)
