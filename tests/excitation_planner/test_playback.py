@@ -101,7 +101,11 @@ def test_in_the_lead_in_the_steering_leads_back_to_the_line_and_then_the_rows_al
     beside = replace(AT_REST, x=AT_REST.x - 0.1, speed=0.5)  # left of the line, which leads along y
     angles = {}
     for t in np.arange(10.0, 11.4, 0.01):
-        playback.observe(AT_REST if playback.start_time is None else beside, t, t)
+        if playback.start_time is None:
+            playback.observe(AT_REST, t, t)
+        else:
+            along = beside.y + 0.5 * (t - playback.start_time)
+            playback.observe(replace(beside, y=along), t, t)
         playback.hear(ARMED, t)
         command = playback.tick(t)
         if playback.start_time is not None:
@@ -117,7 +121,9 @@ def test_the_line_of_a_lead_in_is_where_the_vehicle_rests_not_where_it_came_from
     playback.parts.add_path(PATH, 7)
     playback.parts.add_lead_in(0.9, 7)
     for t in np.arange(9.0, 10.0, 0.02):  # in a turn until just before the start
-        turning = replace(AT_REST, yaw=AT_REST.yaw + 0.3 * (t - 10.0), speed=0.3)
+        turn = 0.3 * (t - 10.0)
+        y, yaw = AT_REST.y + turn, AT_REST.yaw + turn
+        turning = replace(AT_REST, y=y, yaw=yaw, speed=0.3, yaw_rate=0.3)
         playback.observe(turning, t, t)
     playback.observe(AT_REST, 10.0, 10.0)
     playback.hear(ARMED, 10.0)
@@ -128,6 +134,49 @@ def test_the_line_of_a_lead_in_is_where_the_vehicle_rests_not_where_it_came_from
         command = playback.tick(t)
     assert playback.state is PlaybackState.RUNNING
     assert command.steering_motor_angle == pytest.approx(0.1)
+
+
+def led_along(pose_at, until, lead_in=0.9):
+    """A playback of a plan without an area; `pose_at` says where the vehicle is after its start."""
+    playback = ready()
+    playback.load(Schedule(np.array([0.0, 2.0]), np.array([0.1, 0.1]), np.array([1.0, 1.0])), 7)
+    playback.parts.add_path(PATH, 7)
+    playback.parts.add_area("ground", ("", ()), 7)
+    playback.parts.add_lead_in(lead_in, 7)
+    playback.start(10.0)
+    for t in np.arange(10.0, 10.0 + PREPARATION + until, 0.01):
+        since = 0.0 if playback.start_time is None else t - playback.start_time
+        playback.observe(pose_at(since) if since else AT_REST, t, t)
+        playback.hear(ARMED, t)
+        playback.tick(t)
+    return playback
+
+
+def at_half_a_metre_per_second(since):
+    return replace(AT_REST, y=AT_REST.y + 0.5 * since, speed=0.5)
+
+
+def frozen(since):
+    return at_half_a_metre_per_second(min(since, 0.2))
+
+
+def jumped(since):
+    moved = at_half_a_metre_per_second(since)
+    return replace(moved, x=moved.x + 0.5 * (since > 0.2))
+
+
+@pytest.mark.parametrize(
+    ("pose_at", "reason"),
+    [(frozen, "the pose has been the same for"), (jumped, r"the pose is 0\.50 m from where")],
+)
+def test_a_pose_that_freezes_or_jumps_ends_a_lead_in_without_an_area_too(pose_at, reason):
+    playback = led_along(pose_at, 0.85)
+    assert playback.state is PlaybackState.ABORTED
+    assert re.search(reason, playback.reason)
+    assert led_along(at_half_a_metre_per_second, 1.5).state is PlaybackState.RUNNING
+    # open loop nothing is steered by it
+    assert led_along(pose_at, 1.5, lead_in=0.0).state is PlaybackState.RUNNING
+    assert led_along(pose_at, 1.5, lead_in=0.15).state is PlaybackState.RUNNING
 
 
 @pytest.mark.parametrize("end", [-0.1, np.nan, np.inf])
@@ -323,6 +372,33 @@ def test_a_pose_that_jumps_at_rest_refuses_the_start_until_it_has_stayed_for_a_s
     playback.start(11.31)
 
 
+def test_one_stamp_ahead_does_not_hide_a_jump_at_rest():
+    playback = ready()
+    playback.observe(AT_REST, 60.0, 10.05)
+    playback.observe(replace(AT_REST, x=3.0), 10.1, 10.1)
+    with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
+        playback.start(10.1)
+
+
+def test_stamps_of_a_clock_that_was_set_back_begin_anew():
+    playback = ready()
+    for t in (5.0, 5.05):
+        playback.observe(AT_REST, t, t)
+    playback.hear(ARMED, 5.1)
+    playback.observe(replace(AT_REST, x=3.0), 5.1, 5.1)
+    with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
+        playback.start(5.1)
+
+
+def test_a_message_that_is_repeated_does_not_hide_a_jump_at_rest():
+    playback = ready()
+    away = replace(AT_REST, x=3.0)
+    for received in (10.05, 10.06, 10.07):
+        playback.observe(away, 10.05, received)
+    with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
+        playback.start(10.1)
+
+
 def test_a_check_of_another_node_refuses_the_start_with_its_name():
     playback = ready()
     with pytest.raises(PlanError, match="bag: not recording"):
@@ -421,7 +497,9 @@ def test_silence_aborts(silent, reason, after):
         (NOT_A_NUMBER, 10.01, "is not finite"),
         (PlanarState(1.0, 2.0, math.inf, 0.0), 10.01, "is not finite"),
         (AT_REST, 15.0, "4.98 s ahead of the clock"),
-        (PlanarState(1e300, -1e300, 0.0, 1e300), 10.01, "m off the path"),
+        (PlanarState(1e300, -1e300, 0.0, 0.0), 10.01, "m off the path"),
+        (replace(AT_REST, speed=1e300), 10.01, "odom says 1e+300 m/s"),
+        (replace(AT_REST, yaw_rate=-50.0), 10.01, "odom says a turn rate of -50 rad/s"),
     ],
 )
 def test_a_pose_that_is_none_aborts(state, stamp, reason):
@@ -448,6 +526,12 @@ def test_a_driver_or_a_clock_that_leaves_out_commands_aborts():
     assert playback.state is PlaybackState.RUNNING
     assert playback.tick(10.13) == STOP
     assert playback.state is PlaybackState.ABORTED
+    assert playback.reason.startswith("for 0.12 s no command was sent")
+
+
+def test_a_driver_that_is_held_up_while_the_clock_is_set_back_aborts():
+    playback = running()
+    assert playback.tick(10.01, 0.12) == STOP
     assert playback.reason.startswith("for 0.12 s no command was sent")
 
 
@@ -674,6 +758,44 @@ def test_the_fence_and_a_pose_that_jumps_abort(pose, reason):
     assert reason in playback.reason
 
 
+IMPLAUSIBLE = [
+    (replace(AT_REST_IN_ODOM, speed=1e3, yaw_rate=1.0), "odom says 1000 m/s"),
+    (replace(AT_REST_IN_ODOM, speed=1e6, yaw_rate=1.0), "odom says 1e+06 m/s"),
+    (replace(AT_REST_IN_ODOM, speed=1e200), "odom says 1e+200 m/s"),
+    (replace(AT_REST_IN_ODOM, yaw_rate=1e308), "odom says a turn rate of 1e+308 rad/s"),
+]
+
+
+@pytest.mark.parametrize(("state", "reason"), IMPLAUSIBLE)
+def test_a_motion_that_no_vehicle_has_fails_the_pre_flight_and_ends_a_run(state, reason):
+    playback = fenced(9.5)
+    playback.observe(state, 9.51, 9.51)
+    failing = {i.name: i.message for i in playback.preflight(9.51) if i.level is Level.ERROR}
+    assert failing.keys() <= {"localisation", "standstill"}
+    assert reason in failing["localisation"]
+    with pytest.raises(PlanError, match=re.escape(reason)):
+        playback.start(9.51)
+    playback.observe(AT_REST_IN_ODOM, 9.52, 9.52)
+    playback.start(9.52)
+    playback.observe(state, 9.53, 9.53)
+    playback.tick(9.53)
+    assert playback.state is PlaybackState.ABORTED
+    assert reason in playback.reason
+
+
+@pytest.mark.parametrize(("state", "reason"), IMPLAUSIBLE)
+def test_a_motion_that_no_vehicle_has_stops_the_one_that_rolls_out_on_its_area(state, reason):
+    playback = fenced(9.5)
+    playback.start(9.5)
+    for t in (10.0, 10.05):
+        playback.observe(AT_REST_IN_ODOM, t, t)
+        assert playback.tick(t) is not None
+    assert playback.tick(10.06) == JointCommand(0.3, 0.0)
+    playback.observe(state, 10.07, 10.07)
+    assert playback.tick(10.07) == JointCommand(0.3, 0.0, stop=True)
+    assert playback.state is PlaybackState.DONE
+
+
 def test_nothing_is_commanded_during_the_countdown():
     playback = ready(countdown=2.0)
     playback.start(10.0)
@@ -809,6 +931,75 @@ def test_hold_to_run_released_or_silent_ends_the_run_and_is_needed_to_start():
     playback.start(10.1)
     playback.tick(10.21)
     assert playback.reason == "nothing heard on maneuver/hold for 0.21 s"
+
+
+def rolling_out(**options):
+    """A playback whose maneuver is done at t = 10.05; the vehicle still does 2 m/s."""
+    playback = ready(**options)
+    playback.hold(pressed=True, now=9.5)
+    start(playback, 10.0)
+    playback.hold(pressed=True, now=10.0)
+    playback.tick(10.0)
+    playback.observe(replace(AT_REST, speed=2.0), 10.05, 10.05)
+    assert playback.tick(10.05) == JointCommand(0.3, 0.0)
+    assert playback.state is PlaybackState.DONE
+    return playback
+
+
+STOPPED = JointCommand(0.3, 0.0, stop=True)
+
+
+def test_a_button_that_is_released_while_the_vehicle_rolls_out_stops_it():
+    playback = rolling_out(hold_timeout=0.2)
+    playback.hold(pressed=False, now=10.06)
+    assert playback.tick(10.06) == STOPPED
+    playback.hold(pressed=True, now=10.07)
+    assert playback.tick(10.07) == STOPPED
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "")
+    playback.hear(PRESSED, 10.08)  # the boards have stopped it
+    assert playback.tick(10.08) == JointCommand(0.3, 0.0)
+    playback.hold(pressed=False, now=10.09)
+    assert playback.tick(10.09) == JointCommand(0.3, 0.0)
+
+
+def test_a_button_that_falls_silent_while_the_vehicle_rolls_out_stops_it():
+    playback = rolling_out(hold_timeout=0.2)
+    playback.hold(pressed=True, now=10.06)
+    assert playback.tick(10.25) == JointCommand(0.3, 0.0)
+    assert playback.tick(10.27) == STOPPED
+
+
+def test_an_abort_while_the_vehicle_rolls_out_stops_it_and_at_rest_is_refused():
+    playback = rolling_out()
+    playback.abort("asked for")
+    assert playback.tick(10.06) == STOPPED
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "")
+    playback = rolling_out()
+    playback.observe(NOT_A_NUMBER, 10.06, 10.06)  # nobody knows whether it rests
+    playback.abort("asked for")
+    assert playback.tick(10.07) == STOPPED
+    playback = rolling_out()
+    playback.observe(AT_REST, 10.06, 10.06)
+    with pytest.raises(PlanError, match="no maneuver is running"):
+        playback.abort("asked for")
+    assert playback.tick(10.07) == JointCommand(0.3, 0.0)
+
+
+def test_a_vehicle_that_is_ended_early_at_speed_is_stopped_by_an_abort_too():
+    playback = running()
+    playback.observe(MOVING, 10.01, 10.01)
+    playback.finish("ended early")
+    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
+    playback.abort("asked for")
+    assert playback.tick(10.03) == STOP
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "ended early")
+
+
+def test_a_button_that_is_released_at_rest_after_a_run_stops_nothing():
+    playback = rolling_out(hold_timeout=0.2)
+    playback.observe(AT_REST, 10.06, 10.06)
+    playback.hold(pressed=False, now=10.07)
+    assert playback.tick(10.07) == JointCommand(0.3, 0.0)
 
 
 def returning(now=10.0):

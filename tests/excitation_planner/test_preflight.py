@@ -69,7 +69,14 @@ def test_a_namesake_of_the_driver_fails_the_pre_flight():
 
 
 def test_a_clock_that_stands_still_fails():
-    assert clock(0.5).level is Level.OK
-    check = clock(SILENCE + 9.0)
+    assert clock(0.5, simulated=True).level is Level.OK
+    check = clock(SILENCE + 9.0, simulated=True)
     assert check.level is Level.ERROR
     assert check.message.startswith("/clock has stood still for 12 s")
+
+
+def test_on_a_vehicle_no_clock_stands_still_but_its_driver_may_be_held_up():
+    assert clock(0.5, simulated=False).level is Level.OK
+    check = clock(SILENCE + 9.0, simulated=False)
+    assert check.level is Level.ERROR
+    assert check.message == "the driver has been held up for 12 s: a busy computer?"

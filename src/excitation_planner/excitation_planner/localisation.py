@@ -7,7 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from excitation_planner.preflight import Check
+from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.diagnostics import Level
+
+FASTEST = 2.0 * MAX_SPEED
+"""Speed beyond which a message is wrong, whatever the vehicle does [m/s]."""
+
+FASTEST_TURN = 10.0
+"""The same for the yaw rate [rad/s]."""
 
 JUMP = 0.3
 """Distance between a pose and its prediction by the velocity that noise cannot explain [m]."""
@@ -69,6 +76,18 @@ class PlanarState:
         """Whether turn rate and direction of the motion are numbers."""
         return math.isfinite(self.yaw_rate) and math.isfinite(self.slip)
 
+    @property
+    def implausible(self) -> str:
+        """Why no vehicle moves so; empty if one may."""
+        if self.speed > FASTEST:
+            return f"odom says {self.speed:.4g} m/s, faster than any vehicle ({FASTEST:g} m/s)"
+        if abs(self.yaw_rate) > FASTEST_TURN:
+            return (
+                f"odom says a turn rate of {self.yaw_rate:.4g} rad/s, faster than any vehicle "
+                f"({FASTEST_TURN:g} rad/s)"
+            )
+        return ""
+
     def after(self, time: float) -> tuple[float, float, float]:
         """Return the pose x, y [m], heading [rad] a short time later, at constant motion.
 
@@ -101,9 +120,13 @@ class PoseWatch:
 
     _tracks: deque[_Track] = field(default_factory=deque)
     _changed_at: float = -math.inf
+    _verdict: str = ""
 
     def contradiction(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
         """Take a pose; return why no vehicle can have moved there, or an empty string.
+
+        A pose with the stamp of the newest one is none: the answer is the same again. One with an
+        older stamp is held against those before it.
 
         Parameters
         ----------
@@ -114,16 +137,22 @@ class PoseWatch:
         driven : bool
             Whether the wheels are commanded to turn.
         """
+        if not self._tracks or stamp != self._tracks[-1].stamp:
+            self._verdict = self._judge(state, stamp, driven=driven)
+        return self._verdict
+
+    def _judge(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
         if not state.turns_known:
             self._tracks.clear()  # nothing tells where it leads
             return ""
+        while self._tracks and self._tracks[-1].stamp >= stamp:
+            self._tracks.pop()  # of a clock that was ahead: it must not blind the watch until then
+        self._changed_at = min(self._changed_at, stamp)
         if not self._tracks:
             self._tracks.append(_Track(stamp, state))
             self._changed_at = stamp
             return ""
         last = self._tracks[-1]
-        if stamp <= last.stamp:
-            return ""
         before = last.state
         if not driven or (state.x, state.y, state.yaw) != (before.x, before.y, before.yaw):
             self._changed_at = stamp

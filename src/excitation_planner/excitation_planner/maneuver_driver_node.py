@@ -168,13 +168,13 @@ class ManeuverDriver(Node):
         )
         self._name = self.get_fully_qualified_name()
         self._ticked = time.monotonic()
-        simulated = self.get_parameter("use_sim_time").value
+        self._simulated = bool(self.get_parameter("use_sim_time").value)
         self._playback = Playback(
             VehicleWatch(
                 odom_timeout=pose,
                 state_timeout=state,
                 commander=self._name,
-                clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
+                clock_tolerance=OVERTAKING if self._simulated else CLOCK_TOLERANCE,
                 hold_timeout=hold,
             ),
             max_deviation=deviation,
@@ -222,7 +222,7 @@ class ManeuverDriver(Node):
         self.create_service(Trigger, "~/abort", self._on_abort)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also while /clock stands still
         self.create_timer(PREFLIGHT_EVERY, self._publish_preflight, clock=steady)
-        if simulated:
+        if self._simulated:
             # a timer may miss ticks of a clock that runs fast; the clock's own callback does not
             every_tick = JumpThreshold(
                 min_forward=Duration(nanoseconds=1),
@@ -233,7 +233,8 @@ class ManeuverDriver(Node):
                 every_tick, post_callback=lambda _: self._on_tick()
             )
         else:
-            self.create_timer(TICK, self._on_tick)
+            # on the computer's clock it would rest after this was set back, and nobody would see it
+            self.create_timer(TICK, self._on_tick, clock=steady)
 
     def _chassis(self) -> Chassis:
         """Return the vehicle's geometry by the node's parameters, for the way back."""
@@ -346,7 +347,7 @@ class ManeuverDriver(Node):
         return publisher_names(self, "joint_commands")
 
     def _clock_check(self) -> Check:
-        return clock(time.monotonic() - self._ticked)
+        return clock(time.monotonic() - self._ticked, simulated=self._simulated)
 
     def _checks(self) -> tuple[Check, ...]:
         """All items of the pre-flight."""
@@ -438,9 +439,10 @@ class ManeuverDriver(Node):
 
     def _on_tick(self) -> None:
         self._look_for_route()
-        self._ticked = time.monotonic()
+        before, self._ticked = self._ticked, time.monotonic()
+        held_up = 0.0 if self._simulated else self._ticked - before
         now = self.get_clock().now()
-        command = self._playback.tick(float(now.nanoseconds) * 1e-9)
+        command = self._playback.tick(float(now.nanoseconds) * 1e-9, held_up)
         if command is not None:
             message = JointState()
             message.header.stamp = now.to_msg()

@@ -186,15 +186,15 @@ class Playback:
             Time of receipt [s].
         """
         self.watch.observe(state, stamp, now)
-        if not state.finite:
-            return
+        if not state.finite or state.implausible:
+            return  # `pose_lost` says so
         driven = self.state in DRIVEN and self._held.wheel_rate != 0.0
         contradiction = self._poses.contradiction(state, stamp, driven=driven)
         if self.state not in DRIVEN:
             self._resting.take(state, stamp)
         if not self._active:
             self._contradiction = contradiction
-        elif self._fence is not None or self._back is not None:
+        elif self._steered_by_pose or self._fence is not None:
             self._contradiction = self._contradiction or contradiction
 
     def hear(self, readiness: Readiness, now: float) -> None:
@@ -216,6 +216,8 @@ class Playback:
 
     def hold(self, pressed: bool, now: float) -> None:
         """Take whether the hold-to-run button is pressed; a run is aborted at once if it is not.
+
+        A vehicle that rolls out after a run is stopped by the boards then, at the next tick.
 
         Parameters
         ----------
@@ -355,11 +357,22 @@ class Playback:
     def abort(self, reason: str) -> None:
         """Stop a running maneuver or the way back, by the boards once the wheels were to turn.
 
+        A vehicle that rolls out after a maneuver that is done is stopped by the boards too; the
+        maneuver stays done.
+
+        Parameters
+        ----------
+        reason : str
+            Why a run is aborted.
+
         Raises
         ------
         PlanError
-            If none is running.
+            If none is running, and the vehicle does not roll out.
         """
+        if self._rolls_out(self._ticked_at):
+            self._held = replace(self._held, stop=True)
+            return
         if not self._active:
             raise PlanError("no maneuver is running")
         self._end(PlaybackState.ABORTED, self._held.steering_motor_angle, reason)
@@ -381,11 +394,18 @@ class Playback:
             raise PlanError("no maneuver is running")
         self._finishing = reason
 
-    def tick(self, now: float) -> JointCommand | None:
+    def tick(self, now: float, held_up: float = 0.0) -> JointCommand | None:
         """Return the command for now.
 
         After a run it is standstill until the vehicle rests, after an aborted one first a stop
         until the vehicle is not armed; then, and before a run, None: nothing is commanded.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        held_up : float
+            Time since the last tick by a clock that cannot be set, unlike that of `now` [s].
         """
         back = self._ticked_at - now
         self._ticked_at = now
@@ -396,9 +416,9 @@ class Playback:
                 self._stopping_since = now
             if self._active:
                 self.abort(f"the clock jumped back by {back:.2f} s")
-        elif -back > STALL and self.state is PlaybackState.RUNNING:
+        elif (late := max(-back, held_up)) > STALL and self.state is PlaybackState.RUNNING:
             self.abort(
-                f"for {-back:.2f} s no command was sent: a busy computer, or a clock that was set"
+                f"for {late:.2f} s no command was sent: a busy computer, or a clock that was set"
             )
         if self._back is not None:
             return self._return(self._back, now)
@@ -408,7 +428,7 @@ class Playback:
             return None
         stopping = now - self._stopping_since
         if stopping < SHORTEST_STOP or (stopping < LONGEST_STOP and not self.watch.rests(now)):
-            if self.state is PlaybackState.DONE and self._rolls_out(now):
+            if self._rolls_out(now) and (self.watch.released(now) or self._leaves(now)):
                 self._held = replace(self._held, stop=True)
             return self._held
         self._stopping_since = None
@@ -445,6 +465,11 @@ class Playback:
     def _active(self) -> bool:
         return self.state.driving
 
+    @property
+    def _steered_by_pose(self) -> bool:
+        """Whether the vehicle is steered closed loop: in a lead-in or on the way back."""
+        return self._line_keeping is not None or self._back is not None
+
     def _check_free(self) -> None:
         if self._active:
             raise PlanError("already running")
@@ -473,6 +498,8 @@ class Playback:
         if fence is None:
             limit = f"no area: only max_deviation, {self.max_deviation:g} m, limits the drive"
             return (Check("ground", limit, Level.WARN),)
+        if self.watch.pose_lost(now):  # the localisation's check says why
+            return ()
         rates = plan.schedule.wheel_rate
         push = float(rates[np.flatnonzero(rates)[:1]].sum())
         outside = self._trespass(fence, now, float(fence.curvature[0]), push)
@@ -516,7 +543,7 @@ class Playback:
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
         if reason := (
-            self._unfit(now, directed=self._line_keeping is not None)
+            self._unfit(now, directed=self._steered_by_pose)
             or self._astray()
             or self._fenced_out(schedule, now, row)
         ):
@@ -592,8 +619,17 @@ class Playback:
         return self._trespass(self._fence, now, float(self._fence.curvature[row]) + led, push)
 
     def _rolls_out(self, now: float) -> bool:
+        """Whether a maneuver is done and the vehicle, armed, is not known to rest yet."""
+        return (
+            self.state is PlaybackState.DONE
+            and self._stopping_since is not None
+            and not self.watch.disarmed
+            and not self.watch.rests(now)
+        )
+
+    def _leaves(self, now: float) -> bool:
         """Whether the motor alone may not stop the vehicle on its area, e.g. on a slope."""
-        if self._fence is None or self.watch.disarmed or self.watch.rests(now):
+        if self._fence is None:
             return False
         return bool(self._trespass(self._fence, now, float(self._fence.curvature[-1]), 0.0))
 

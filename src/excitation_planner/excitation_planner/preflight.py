@@ -62,17 +62,21 @@ def commanders(own: str, publishers: Iterable[str]) -> Check:
     return Check.of("commanders", namesakes(every) or more, "nobody else")
 
 
-def clock(stood: float) -> Check:
+def clock(stood: float, *, simulated: bool) -> Check:
     """Return whether the clock runs: that of a simulation that has ended stands still.
 
     Parameters
     ----------
     stood : float
-        Time since its last tick, by the computer's clock [s].
+        Time since the driver's last tick, by the computer's steady clock [s].
+    simulated : bool
+        Whether the ticks are those of a simulation's clock.
     """
     still = (
         f"/clock has stood still for {stood:.0f} s, and with it pose and state of the vehicle: "
         "is the simulation running?"
+        if simulated
+        else f"the driver has been held up for {stood:.0f} s: a busy computer?"
     )
     return Check.of("clock", still if stood > SILENCE else "", "runs")
 

@@ -186,6 +186,8 @@ class VehicleWatch:
             return f"no pose on odom for {silence:.2f} s"
         if not self.observed.finite:
             return "the pose on odom is not finite, or its orientation is not a unit quaternion"
+        if self.observed.implausible:
+            return self.observed.implausible
         if not of_frame(self.observed.body, BASE_LINK):
             return f"odom has the pose of {self.observed.body}: that of {BASE_LINK} is needed"
         if age < -self.clock_tolerance:

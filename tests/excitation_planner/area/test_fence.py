@@ -175,6 +175,20 @@ def test_poses_of_another_frame_or_without_a_turn_rate_are_refused() -> None:
     assert "turn rate" in said(at(6.0, 10.0, rate=math.nan))
 
 
+@pytest.mark.parametrize("speed", [10.0, 1e3, 1e6, 1e200, math.inf, math.nan])
+def test_a_speed_that_no_vehicle_has_is_refused_before_its_stop_is_laid_out(speed: float) -> None:
+    assert said(at(6.0, 10.0, speed=speed, rate=1.0))
+
+
+@pytest.mark.parametrize("age", [60.0, 1e6, 1e300])
+def test_a_stop_from_a_pose_of_long_ago_is_refused_before_it_is_laid_out(age: float) -> None:
+    assert "a stop would take" in said(at(6.0, 10.0, speed=4.0, rate=1.0), age=age)
+
+
+def test_a_turn_rate_that_no_vehicle_has_is_refused() -> None:
+    assert "turn rate of 1e+308" in said(at(6.0, 10.0, speed=1.0, rate=1e308))
+
+
 def test_off_the_start_is_told_as_directions() -> None:
     there = fence(start=(6.0, 5.0, math.pi / 2))
     assert there.off_start(at(6.03, 5.0, math.pi / 2)) == ""
@@ -208,6 +222,8 @@ def test_the_watch_finds_jumps_and_what_is_frozen_but_no_motion() -> None:
     assert "heading" in watched(gap)  # a lost turn rate blinds it for no longer than it lasts
     assert "velocity led" in watched([(t, at(0.0, 0.0, 0.0, 1.0)) for t in times])
     assert "the same for" in watched([(t, at(0.0, 0.0)) for t in times])
+    ahead = [(0.0, at(0.0, 0.0)), (50.0, at(0.001, 0.0)), *((t, at(0.0, 0.0)) for t in times[1:])]
+    assert "the same for 0.5" in watched(ahead)  # a stamp ahead blinds it for no longer either
     drifting = [(t, at(s.x + 0.5 * t, s.y, s.yaw, 1.0, 0.5)) for t, s in turning]
     assert "velocity led" in watched(drifting)
 

@@ -38,6 +38,9 @@ ARC_SPACING = 0.25
 MAX_ARCS = 16
 """Largest number of these arcs, whatever the distance of their ends."""
 
+LONGEST_WAY = 200.0
+"""Way of a stop beyond which none is predicted [m]: at twice the top speed a pose is 10 s old."""
+
 BLOCK = 8
 """Poses on each arc that are checked together, the nearest ones first."""
 
@@ -136,11 +139,15 @@ class Fence:
             return f"the area is in frame '{self.frame}', the pose on odom in '{state.frame}'"
         if not state.turns_known:
             return "odom has no turn rate, without which no stop can be predicted"
+        if state.implausible:
+            return state.implausible
         creeps = state.speed <= CREEP
         delay = max(age, 0.0) + TICK
         way = 0.0
         if not creeps or push != 0.0:
             way = state.speed * delay + float(longest_stop(np.array(state.speed)))
+        if not way <= LONGEST_WAY:
+            return f"fence: a stop would take {way:.4g} m, from a pose {age:.4g} s old"
         here = shapely.Point(state.x, state.y)
         border = self._border[shapely.dwithin(self._border, here, way + self._reach)]
         corner = placed(self.footprint[:1], state.x, state.y, state.yaw)

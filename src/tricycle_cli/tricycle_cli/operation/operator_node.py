@@ -475,7 +475,7 @@ class Operator(Closing):
             yield
         except BaseException as error:
             self._check()  # where the nodes end with a dead one, nobody is left to abort
-            try:  # refused where it has ended by itself
+            try:  # refused where it has ended by itself, and the vehicle rests
                 with self._interrupts_wait():
                     self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
             except NodeError as unanswered:
