@@ -546,6 +546,6 @@ def test_commands_begin_at_the_tick_of_a_start_that_round_off_took_beyond_it(
     recording = read_recording(table(tmp_path / "drive.csv"), columns, VEHICLE)
     tick = float(motion_of(recording).time[170])
     for start in (tick, np.nextafter(tick, np.inf), np.nextafter(tick, 0.0)):
-        commands = recorded_commands(recording, VEHICLE, SteeringMap(), start)
+        commands, _ = recorded_commands(recording, VEHICLE, SteeringMap(), start)
         assert commands.speed[0] == recording.more["speed_command"].at(np.array([tick]), held=True)
         assert len(commands.time) == len(motion_of(recording).time) - 170

@@ -24,6 +24,7 @@ from parameter_identification.drives.following import (
 )
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
+    STEERING_LATE,
     MeasuredDrive,
     Sensor,
     Signal,
@@ -55,7 +56,6 @@ APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it
 RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
 SETTLED = 6.0  # integral times of a speed loop before it, where the set-points are recorded
 SPARSE = 2.5  # periods of steering angles and set-points, that may be beyond the longest gap
-STEERING_LATE = 0.08  # s by which the steering may be logged after it was there
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
@@ -522,8 +522,10 @@ def _drive(
 
 def recorded_commands(
     recording: Recording, vehicle: Vehicle, steering: SteeringMap, start: float
-) -> Commands:
+) -> tuple[Commands, float]:
     """Return the commands of a recording from a time on to its end.
+
+    With the standard deviation of the curvature that their steering gives [1/m].
 
     Parameters
     ----------
@@ -544,7 +546,7 @@ def recorded_commands(
         If a column contradicts the poses, or has a gap while the vehicle moves.
     """
     motion = motion_of(recording)
-    angle, _ = setpoints_of(recording, motion, vehicle, steering)
+    angle, turn_std = setpoints_of(recording, motion, vehicle, steering)
     check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
     moving = (motion.time >= start) & (np.abs(motion.speed) > SLOWEST)
     for reason, gap in _gaps_of_inputs(recording, motion).items():
@@ -557,8 +559,8 @@ def recorded_commands(
     rows = slice(int(first), len(motion.time))
     speed = _recorded_setpoints(recording, vehicle, motion, rows)
     if speed is None:
-        return speed_followed(vehicle, angle[rows], motion.speed[rows])
-    return Commands(TICK * np.arange(len(speed)), angle[rows], speed)
+        return speed_followed(vehicle, angle[rows], motion.speed[rows]), turn_std
+    return Commands(TICK * np.arange(len(speed)), angle[rows], speed), turn_std
 
 
 def _recorded_setpoints(
