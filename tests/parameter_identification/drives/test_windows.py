@@ -16,6 +16,7 @@ from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import (
     Columns,
+    Recording,
     SteeringMap,
     load_columns,
     read_recording,
@@ -536,6 +537,15 @@ def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> N
     mapping = Columns(time="t", x="x", y="y", yaw="yaw", steering_angle="angle")
     with pytest.raises(IdentificationError, match="5 steering angles: at least 10"):
         read_windows(path, VEHICLE, mapping)
+
+
+def test_a_speed_that_no_set_point_gives_is_not_followed() -> None:
+    rng, time = np.random.default_rng(0), np.arange(0.0, 9.0, 0.02)
+    x = np.cumsum(np.clip(1.5 * (time - 2.0), 0.0, 6.5)) * 0.02
+    x, y, yaw = (v + 1e-4 * rng.standard_normal(len(time)) for v in (x, 0.0, 0.0))
+    recording = Recording("fast.csv", 0.0, time, x, y, yaw, Samples(time, 0.0 * time), {})
+    with pytest.raises(IdentificationError, match=r"drives faster than 4\.8 m/s, at 5\.[12]\d s"):
+        recorded_commands(recording, VEHICLE, SteeringMap(), 1.0)
 
 
 @pytest.mark.slow

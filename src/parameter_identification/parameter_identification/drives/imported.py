@@ -117,7 +117,8 @@ def write_bag(
         If the commands are beyond what the model takes.
     IdentificationError
         If the vehicle has no wheel of a name, a time is none of a bag, or what was recorded of a
-        drive with a start event contradicts the poses or has a gap.
+        drive with a start event contradicts the poses, has a gap, or is beyond what the model
+        takes.
     """
     metadata = {IMPORTED_FROM: recording.name}
     if "speed_command" not in recording.more:

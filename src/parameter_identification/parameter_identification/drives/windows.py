@@ -543,7 +543,8 @@ def recorded_commands(
     CommandsError
         If they are beyond what the model takes.
     IdentificationError
-        If a column contradicts the poses, or has a gap while the vehicle moves.
+        If a column contradicts the poses, or has a gap while the vehicle moves; or if the speed of
+        the poses is to be followed, and is beyond what the model takes.
     """
     motion = motion_of(recording)
     angle, turn_std = setpoints_of(recording, motion, vehicle, steering)
@@ -559,6 +560,13 @@ def recorded_commands(
     rows = slice(int(first), len(motion.time))
     speed = _recorded_setpoints(recording, vehicle, motion, rows)
     if speed is None:
+        fast = rows.start + np.flatnonzero(np.abs(motion.speed[rows]) > MAX_SPEED)
+        if len(fast):
+            raise IdentificationError(
+                f"{recording.name}: drives faster than {MAX_SPEED:g} m/s, at "
+                f"{motion.time[fast[0]]:.2f} s, or its poses jump there: cut the table off there, "
+                "or identify windows of it (tricycle identify --columns)"
+            )
         return speed_followed(vehicle, angle[rows], motion.speed[rows]), turn_std
     return Commands(TICK * np.arange(len(speed)), angle[rows], speed), turn_std
 
