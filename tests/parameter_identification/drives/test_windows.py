@@ -12,7 +12,7 @@ import pytest
 
 import tricycle_sim
 from parameter_identification.drives.measured import Sensor
-from parameter_identification.drives.motion import motion_of
+from parameter_identification.drives.motion import Motion, motion_of
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import (
     Columns,
@@ -30,6 +30,7 @@ from parameter_identification.drives.windows import (
     recorded_commands,
     select_windows,
     steering_of,
+    turned_angle,
 )
 from parameter_identification.estimation.inputs import effects_of_columns
 from parameter_identification.identification import identify
@@ -194,6 +195,18 @@ def test_the_map_is_estimated_where_the_vehicle_turns_slowly(
     found = estimate_map(recording, VEHICLE)
     assert found.gain == pytest.approx(GAIN, rel=0.1)
     assert found.offset == pytest.approx(OFFSET, abs=0.01)
+
+
+@pytest.mark.parametrize("load_sensitivity", [0.0, 1.0])
+def test_the_angle_of_a_steady_turn_counts_how_tyres_are_loaded(load_sensitivity: float) -> None:
+    stiffness = {"cornering_stiffness": 600.0, "camber_stiffness": 25.0}  # lean is not counted
+    vehicle = VEHICLE.replace(load_sensitivity=load_sensitivity, **stiffness)
+    time = np.arange(0.0, 12.0, 0.01)
+    commands = Commands(time, 0.1 * np.minimum(time / 3.0, 1.0), np.minimum(time, 3.0))
+    run = simulate(vehicle, commands, vehicle.nominal_point()[None], threads=1)
+    x, y, speed, yaw, rate = (v[0, -100:] for v in (run.x, run.y, run.vx, run.yaw, run.yaw_rate))
+    motion = Motion(run.time[-100:], x, y, speed, 0.0, 0.0 * x, 0.0 * x, yaw, rate)
+    assert turned_angle(motion, vehicle) == pytest.approx(0.1, rel=0.02)
 
 
 @pytest.mark.parametrize("ripple", [0.0, 1e-10, 0.002])

@@ -220,9 +220,7 @@ def turned_angle(motion: Motion, vehicle: Vehicle) -> FloatArray:
     vehicle : Vehicle
         Vehicle that drove; its linkage, tyres and wheelbase are used.
     """
-    stiffness = dict.fromkeys(AXLES, 0.0)
-    for wheel in vehicle.wheels:
-        stiffness[wheel.axle] += vehicle.of(wheel).cornering_stiffness
+    stiffness = vehicle.axle_stiffness()
     front, rear = (stiffness[axle] * abs(vehicle.axle_x(axle)) for axle in AXLES)
     gradient = vehicle.mass / vehicle.wheelbase * (rear - front)
     gradient /= stiffness["front"] * stiffness["rear"]
