@@ -97,6 +97,19 @@ def test_tables_are_of_boards_that_do_not_know_the_file(tmp_path):
     assert vehicle.parts == before.parts
 
 
+def test_bags_of_tables_are_of_boards_that_do_not_know_the_file_either(tmp_path):
+    before, (fit,) = load_vehicle(), FOUND.drives
+    imported = dataclasses.replace(fit, steering_late=0.08)
+    effects = (("speed loop", -0.3), ("servo dead time", 0.03))
+    _, vehicle = with_effects(tmp_path, *effects, drives=(imported,))
+    assert vehicle.speed_gain_integral == pytest.approx(0.7 * before.speed_gain_integral)
+    assert vehicle.parts == before.parts
+    # beside drives of the suite, neither is known to be the vehicle's
+    _, vehicle = with_effects(tmp_path, *effects, drives=(fit, imported))
+    assert vehicle.speed_gain_integral == before.speed_gain_integral
+    assert vehicle.parts == before.parts
+
+
 def test_what_an_estimated_map_errs_by_is_not_the_vehicles(tmp_path):
     before, (fit,) = load_vehicle(), FOUND.drives
     effects = (("steering zero", 0.01), ("steering gain", -0.03), ("wheel radius", 0.01))

@@ -361,12 +361,15 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
         began=1.5e9,
         steering_angle=Samples(time, np.sin(time)),
         vehicle_hash="abc",
+        turn_std=1e-3,
+        steering_late=0.08,
     )
     keep(drive, tmp_path / "drive.npz")
     again = load_kept(tmp_path / "drive.npz")
     told = again.steering_angle
     assert np.array_equal([told.time, told.values], [time, np.sin(time)])
-    for field in ("name", "truth", "complete", "began", "measured_throughout", "vehicle_hash"):
+    fields = ("name", "truth", "complete", "began", "measured_throughout", "vehicle_hash")
+    for field in (*fields, "turn_std", "steering_late"):
         assert getattr(again, field) == getattr(drive, field), field
     assert measured_in(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():

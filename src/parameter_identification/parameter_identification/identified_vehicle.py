@@ -27,7 +27,7 @@ OF_BOARDS = (SPEED_LOOP,)
 Neither is `speed_scale` written where the radius of the tyres is: the boards then know it.
 """
 OF_TABLES = (SERVO_DEAD_TIME,)
-"""Effects that in other systems' tables also stand for how late the steering was logged."""
+"""Effects that in other systems' tables, or bags of these, also stand for late logged steering."""
 OF_ESTIMATED_MAPS = STEERING_ZERO, STEERING_GAIN
 """Effects that stand for the error of a map from the steering of a table, where it was estimated.
 """
@@ -132,8 +132,11 @@ def _write_effects(
     ranges, estimated = vehicle.unknown, {*found.parameters, *found.others}
     unknown = {name: ends for name, ends in ranges.items() if name in estimated}
     before = dataclasses.replace(vehicle, unknown=unknown)  # those that were held may have effects
-    tables = all(_recordings(found))
-    left_out: tuple[str, ...] = OF_TABLES if tables else OF_BOARDS
+    logged = [drive.steering_late > 0.0 for drive in found.drives]
+    tables = all(_recordings(found)) or (bool(logged) and all(logged))
+    left_out: tuple[str, ...] = () if tables else OF_BOARDS
+    if tables or any(logged):
+        left_out += OF_TABLES
     if any(drive.map_estimated for drive in _fits(found)):
         left_out += OF_ESTIMATED_MAPS
     after, held = corrected(

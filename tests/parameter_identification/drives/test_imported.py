@@ -7,12 +7,12 @@ import pytest
 from simulated_drives import VEHICLE, commands_of_pair, driven
 
 from parameter_identification.drives.imported import recording_of, write_bag
-from parameter_identification.drives.measured import Input, Sensor
+from parameter_identification.drives.measured import STEERING_LATE, Input, Sensor
 from parameter_identification.drives.measured_from_bag import read_measured_drive
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
-from parameter_identification.drives.table import SteeringMap
+from parameter_identification.drives.table import EstimatedMap, SteeringMap
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import jazzy
 from tricycle_core.errors import IdentificationError, JudgeError
@@ -33,6 +33,10 @@ def test_a_bag_holds_every_sensor_of_the_recording(drive, tmp_path):
     assert again.signals.keys() == drive.signals.keys() == set(Sensor)
     # that of the driven wheel is the motor's
     assert again.signals[Sensor.WHEEL_SPEEDS].wheels == ("left", "right")
+    # another system logged it: the commands go on where the steering may have been late
+    assert again.steering_late == STEERING_LATE
+    last = max(signal.time[-1] for signal in again.signals.values())
+    assert last <= again.commands.duration - STEERING_LATE
     begin = float(drive.signals[Sensor.POSITION].time[0]) + start
     for sensor, signal in again.signals.items():
         at = np.searchsorted(drive.signals[sensor].time - begin, signal.time - 1e-6)
@@ -74,6 +78,14 @@ def test_speeds_made_from_the_poses_are_not_identified_from(drive, tmp_path):
         read_measured_drive(tmp_path / "bag", VEHICLE)
 
 
+def test_a_map_estimated_from_the_poses_is_not_identified_from(drive, tmp_path):
+    steering = EstimatedMap(gain=1.0, offset=0.01)
+    assert write_bag(recording_of(drive), VEHICLE, steering, tmp_path / "bag") is not None
+    assert read_drive(tmp_path / "bag").commands is not None  # it can be judged
+    with pytest.raises(IdentificationError, match=r"from the turns.*; identify from the table"):
+        read_measured_drive(tmp_path / "bag", VEHICLE)
+
+
 def test_a_bag_without_a_start_names_the_table_to_identify_from(drive, tmp_path):
     moving = driven(commands_of_pair()["lane"], noise=0.01, others=ALL.items())
     assert write_bag(recording_of(moving), VEHICLE, SteeringMap(), tmp_path / "bag") is None
@@ -84,11 +96,16 @@ def test_a_bag_without_a_start_names_the_table_to_identify_from(drive, tmp_path)
 
 
 def test_a_measured_steering_angle_is_in_the_bag(drive, tmp_path):
-    recording = dataclasses.replace(recording_of(drive), steering_measured=True)
+    recording = recording_of(drive)
+    time = np.arange(0.0, recording.time[-1], 0.02)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
+    angles = Samples(time, recording.steering.at(time) + noise)
+    recording = dataclasses.replace(recording, steering=angles, steering_measured=True)
     steering = SteeringMap(gain=0.5)
     start = write_bag(recording, VEHICLE, steering, tmp_path / "bag")
     again = read_measured_drive(tmp_path / "bag", VEHICLE)
     assert Input.STEERING in again.measured_throughout
+    assert 1e-5 < again.turn_std < 1e-2  # of what the smoothing leaves
     angle = again.steering_angle
     expected = steering.angle(recording.steering.at(angle.time + start))
     np.testing.assert_allclose(angle.values, expected, atol=1e-9)

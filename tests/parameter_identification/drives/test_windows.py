@@ -12,10 +12,11 @@ import pytest
 
 import tricycle_sim
 from parameter_identification.drives.measured import Sensor
-from parameter_identification.drives.motion import motion_of
+from parameter_identification.drives.motion import Motion, motion_of
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import (
     Columns,
+    Recording,
     SteeringMap,
     load_columns,
     read_recording,
@@ -29,6 +30,7 @@ from parameter_identification.drives.windows import (
     recorded_commands,
     select_windows,
     steering_of,
+    turned_angle,
 )
 from parameter_identification.estimation.inputs import effects_of_columns
 from parameter_identification.identification import identify
@@ -193,6 +195,18 @@ def test_the_map_is_estimated_where_the_vehicle_turns_slowly(
     found = estimate_map(recording, VEHICLE)
     assert found.gain == pytest.approx(GAIN, rel=0.1)
     assert found.offset == pytest.approx(OFFSET, abs=0.01)
+
+
+@pytest.mark.parametrize("load_sensitivity", [0.0, 1.0])
+def test_the_angle_of_a_steady_turn_counts_how_tyres_are_loaded(load_sensitivity: float) -> None:
+    stiffness = {"cornering_stiffness": 600.0, "camber_stiffness": 25.0}  # lean is not counted
+    vehicle = VEHICLE.replace(load_sensitivity=load_sensitivity, **stiffness)
+    time = np.arange(0.0, 12.0, 0.01)
+    commands = Commands(time, 0.1 * np.minimum(time / 3.0, 1.0), np.minimum(time, 3.0))
+    run = simulate(vehicle, commands, vehicle.nominal_point()[None], threads=1)
+    x, y, speed, yaw, rate = (v[0, -100:] for v in (run.x, run.y, run.vx, run.yaw, run.yaw_rate))
+    motion = Motion(run.time[-100:], x, y, speed, 0.0, 0.0 * x, 0.0 * x, yaw, rate)
+    assert turned_angle(motion, vehicle) == pytest.approx(0.1, rel=0.02)
 
 
 @pytest.mark.parametrize("ripple", [0.0, 1e-10, 0.002])
@@ -538,6 +552,15 @@ def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> N
         read_windows(path, VEHICLE, mapping)
 
 
+def test_a_speed_that_no_set_point_gives_is_not_followed() -> None:
+    rng, time = np.random.default_rng(0), np.arange(0.0, 9.0, 0.02)
+    x = np.cumsum(np.clip(1.5 * (time - 2.0), 0.0, 6.5)) * 0.02
+    x, y, yaw = (v + 1e-4 * rng.standard_normal(len(time)) for v in (x, 0.0, 0.0))
+    recording = Recording("fast.csv", 0.0, time, x, y, yaw, Samples(time, 0.0 * time), {})
+    with pytest.raises(IdentificationError, match=r"drives faster than 4\.8 m/s, at 5\.[12]\d s"):
+        recorded_commands(recording, VEHICLE, SteeringMap(), 1.0)
+
+
 @pytest.mark.slow
 def test_commands_begin_at_the_tick_of_a_start_that_round_off_took_beyond_it(
     tmp_path: Path,
@@ -546,6 +569,6 @@ def test_commands_begin_at_the_tick_of_a_start_that_round_off_took_beyond_it(
     recording = read_recording(table(tmp_path / "drive.csv"), columns, VEHICLE)
     tick = float(motion_of(recording).time[170])
     for start in (tick, np.nextafter(tick, np.inf), np.nextafter(tick, 0.0)):
-        commands = recorded_commands(recording, VEHICLE, SteeringMap(), start)
+        commands, _ = recorded_commands(recording, VEHICLE, SteeringMap(), start)
         assert commands.speed[0] == recording.more["speed_command"].at(np.array([tick]), held=True)
         assert len(commands.time) == len(motion_of(recording).time) - 170

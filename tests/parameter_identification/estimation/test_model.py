@@ -1,5 +1,7 @@
 """Predictions of a drive and their derivatives."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, shares
@@ -9,15 +11,20 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from tricycle_core.timing import TICK
 
+ERROR = "error of the followed steering"
 EXACT = {sensor: SensorNoise(0.0, rate=47.0) for sensor in Sensor}  # between ticks
 
 
 @pytest.fixture(scope="module")
-def model():
-    drive = driven(
-        commands_of_pair()["lane"], noise=0.0, others=EXACT.items(), pose=(3.0, -2.0, 2.5)
-    )
-    return DriveModel(VEHICLE, drive)
+def drive():
+    pose = (3.0, -2.0, 2.5)
+    return driven(commands_of_pair()["lane"], noise=0.0, others=EXACT.items(), pose=pose)
+
+
+@pytest.fixture(scope="module", params=[0.0, 1e-3])
+def model(drive, request):
+    """Of the set-points of the steering as they were, and of some that were made from angles."""
+    return DriveModel(VEHICLE, dataclasses.replace(drive, turn_std=request.param))
 
 
 def start_of(model):
@@ -52,3 +59,18 @@ def test_the_misfit_prefers_the_truth(model):
     misfits = model.misfits(np.vstack([shares(TRUTH), others]), white)
     assert np.argmin(misfits) == 0
     assert misfits[0] < 0.01 * misfits[1:].min()
+
+
+def test_set_points_of_smoothed_angles_err_whatever_the_speed_is(drive):
+    def knots(drive):
+        return [n for n in DriveModel(VEHICLE, drive).nuisances if n.name.startswith(ERROR)]
+
+    assert not knots(drive)
+    uncertain = dataclasses.replace(drive, turn_std=1e-3)
+    own = knots(uncertain)
+    assert {n.std for n in own} == {1e-3}
+    assert len(own) == pytest.approx(drive.commands.duration / 0.25, abs=2)
+    position = drive.signals[Sensor.POSITION]  # and at rest, before the start
+    earlier = dataclasses.replace(position, time=position.time - 1.0)
+    before = dataclasses.replace(uncertain, signals={Sensor.POSITION: earlier})
+    assert len(knots(before)) == len(own)

@@ -2,7 +2,8 @@
 
 Where the vehicle stands before it drives, the moment when it starts is the start event, and the
 reference is what the nominal vehicle does with the recorded commands: such a bag can be judged and,
-where the set-points of the speed were recorded, identified from as a drive of a plan.
+where the set-points of the speed were recorded and the map of the steering is known, identified
+from as a drive of a plan.
 """
 
 import math
@@ -13,11 +14,17 @@ from typing import Any
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
-from parameter_identification.drives.measured_from_bag import FROM_POSES, SPEED_SOURCE
+from parameter_identification.drives.measured_from_bag import (
+    FROM_POSES,
+    FROM_TURNS,
+    SPEED_SOURCE,
+    STEERING_SOURCE,
+    TURN_STD,
+)
 from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.recorded import IMPORTED_FROM
 from parameter_identification.drives.samples import Samples
-from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
+from parameter_identification.drives.table import WHEELS, EstimatedMap, Recording, SteeringMap
 from parameter_identification.drives.windows import MEASURED, recorded_commands
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter, whole_or_none
@@ -110,17 +117,23 @@ def write_bag(
         If the commands are beyond what the model takes.
     IdentificationError
         If the vehicle has no wheel of a name, a time is none of a bag, or what was recorded of a
-        drive with a start event contradicts the poses or has a gap.
+        drive with a start event contradicts the poses, has a gap, or is beyond what the model
+        takes.
     """
-    rows = list(_sensed(recording, vehicle, steering))
-    start = _start(recording)
-    if start is not None:
-        rows += _driven(recording, vehicle, steering, start)
-    rows.sort(key=lambda row: row[0])
-    names = [name for name in KINDS if any(row[1] == name for row in rows)]
     metadata = {IMPORTED_FROM: recording.name}
     if "speed_command" not in recording.more:
         metadata[SPEED_SOURCE] = FROM_POSES
+    if isinstance(steering, EstimatedMap):
+        metadata[STEERING_SOURCE] = FROM_TURNS
+    rows = list(_sensed(recording, vehicle, steering))
+    start = _start(recording)
+    if start is not None:
+        commands, turn_std = recorded_commands(recording, vehicle, steering, start)
+        rows += _driven(recording, vehicle, commands, start)
+        if turn_std > 0.0:
+            metadata[TURN_STD] = repr(float(turn_std))
+    rows.sort(key=lambda row: row[0])
+    names = [name for name in KINDS if any(row[1] == name for row in rows)]
     with whole_or_none(BagWriter(output, metadata=metadata)) as bag:
         ids = {
             name: bag.add_topic(
@@ -191,10 +204,9 @@ def _rows(
 
 
 def _driven(
-    recording: Recording, vehicle: Vehicle, steering: SteeringMap, start: float
+    recording: Recording, vehicle: Vehicle, commands: Commands, start: float
 ) -> Iterator[Row]:
     """Commands, reference and start event."""
-    commands = recorded_commands(recording, vehicle, steering, start)
     nominal = simulate(vehicle, commands, vehicle.nominal_point()[np.newaxis], threads=1)
     first, at = _stamp(recording, recording.time[0]), _stamp(recording, start)
     poses = [

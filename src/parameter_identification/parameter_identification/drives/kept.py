@@ -66,6 +66,8 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
         "complete": np.array(drive.complete),
         "began": np.array(drive.began),
         "vehicle_hash": np.array(drive.vehicle_hash),
+        "turn_std": np.array(drive.turn_std),
+        "steering_late": np.array(drive.steering_late),
         "commands": np.array([commands.time, commands.steering_motor_angle, commands.speed]),
         "truth": np.array(list(drive.truth.values())),
         "true": np.array(list(drive.truth), dtype=str),
@@ -114,6 +116,8 @@ def load_kept(file: Path) -> MeasuredDrive:
             complete=bool(arrays["complete"]),
             began=float(arrays["began"]),
             vehicle_hash=str(arrays["vehicle_hash"]),
+            turn_std=float(arrays["turn_std"]),
+            steering_late=float(arrays["steering_late"]),
             steering_angle=Samples(*arrays[Input.STEERING.name].T)
             if Input.STEERING.name in arrays
             else None,

@@ -20,6 +20,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
+STEERING_LATE = 0.08  # s by which another system may log the steering after it was there
 MIN_SAMPLES = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
 LATEST_SPEED = 1.5  # s from rest to its first speed: a sensor of pulses does not tell slow ones
 

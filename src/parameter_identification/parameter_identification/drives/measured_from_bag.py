@@ -1,6 +1,7 @@
 """Drives of bags as an identification needs them; see `drives.measured`."""
 
 import contextlib
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from excitation_planner.design.noise import STANDSTILL
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
+    STEERING_LATE,
     MeasuredDrive,
     Sensor,
     Signal,
@@ -19,7 +21,7 @@ from parameter_identification.drives.measured import (
 )
 from parameter_identification.drives.names import name_of
 from parameter_identification.drives.reader import read_drive
-from parameter_identification.drives.recorded import RecordedDrive, TopicNames
+from parameter_identification.drives.recorded import IMPORTED_FROM, RecordedDrive, TopicNames
 from parameter_identification.drives.samples import Samples, measures_nothing
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
 from tricycle_core.joint_trajectory import rows_of
@@ -29,7 +31,10 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
 VEHICLE_HASH = "vehicle_hash"  # in the record of a bag of `tricycle drive`
-SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag
+# in the record of an imported bag
+SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"
+STEERING_SOURCE, FROM_TURNS = "steering_map_from", "turns"
+TURN_STD = "steering_curvature_std"  # 1/m, of set-points that were made from measured angles
 
 
 def read_measured_drive(
@@ -73,13 +78,13 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
     JudgeError
         If a sensor's value is infinite. NaN means not measured, and is skipped.
     IdentificationError
-        If it holds no commands, or its set-points of the speed were made from its poses.
+        If it holds no commands, or they were made from its poses.
     """
-    if drive.metadata.get(SPEED_SOURCE) == FROM_POSES:
+    if made := _made_from_poses(drive.metadata):
         raise IdentificationError(
-            f"{drive.bag}: its table has no speed_command: the set-points were made from its "
-            "poses, for the nominal vehicle, and would be taken for knowledge of the one that "
-            "drove; identify from the table: `tricycle identify TABLE --columns MAPPING`"
+            f"{drive.bag}: {made}, for the nominal vehicle, and would be taken for knowledge of "
+            "the one that drove; identify from the table: `tricycle identify TABLE --columns "
+            "MAPPING`"
         )
     if drive.commands is None:
         raise IdentificationError(
@@ -91,18 +96,39 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         commands = drive.lead_in.in_place(commands)
     if drive.ended_early is not None:
         commands = commands.until(drive.ended_early)
+    late = STEERING_LATE if IMPORTED_FROM in drive.metadata else 0.0
     end = commands.duration
     return MeasuredDrive(
         name=name_of(drive.bag),
         commands=commands,
-        signals=usable(_signals(drive, vehicle, end), vehicle),
+        signals=usable(_signals(drive, vehicle, end - late), vehicle),
         reference=drive.reference,
         truth=_truth(drive.metadata),
         complete=drive.complete,
         began=drive.recorded / SECOND,
         steering_angle=_steering_angle(drive, end),
+        turn_std=_turn_std(drive),
+        steering_late=late,
         vehicle_hash=drive.metadata.get(VEHICLE_HASH, ""),
     )
+
+
+def _made_from_poses(metadata: Mapping[str, str]) -> str:
+    """What of the commands of an imported bag was made from its poses; empty: nothing."""
+    if metadata.get(SPEED_SOURCE) == FROM_POSES:
+        return "its table has no speed_command: the set-points were made from its poses"
+    if metadata.get(STEERING_SOURCE) == FROM_TURNS:
+        return "its mapping has no gain of the steering: it was estimated from the turns"
+    return ""
+
+
+def _turn_std(drive: RecordedDrive) -> float:
+    """Standard deviation of the curvature that the set-points of an imported bag give [1/m]."""
+    told = drive.metadata.get(TURN_STD, "0")
+    with contextlib.suppress(ValueError):
+        if 0.0 <= (std := float(told)) < math.inf:
+            return std
+    raise IdentificationError(f"{drive.bag}: {TURN_STD} = {told!r} must be a number from 0 on")
 
 
 def _signals(drive: RecordedDrive, vehicle: Vehicle, end: float) -> dict[Sensor, Signal]:

@@ -24,6 +24,7 @@ from parameter_identification.drives.following import (
 )
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
+    STEERING_LATE,
     MeasuredDrive,
     Sensor,
     Signal,
@@ -55,7 +56,6 @@ APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it
 RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
 SETTLED = 6.0  # integral times of a speed loop before it, where the set-points are recorded
 SPARSE = 2.5  # periods of steering angles and set-points, that may be beyond the longest gap
-STEERING_LATE = 0.08  # s by which the steering may be logged after it was there
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
@@ -220,9 +220,7 @@ def turned_angle(motion: Motion, vehicle: Vehicle) -> FloatArray:
     vehicle : Vehicle
         Vehicle that drove; its linkage, tyres and wheelbase are used.
     """
-    stiffness = dict.fromkeys(AXLES, 0.0)
-    for wheel in vehicle.wheels:
-        stiffness[wheel.axle] += vehicle.of(wheel).cornering_stiffness
+    stiffness = vehicle.axle_stiffness()
     front, rear = (stiffness[axle] * abs(vehicle.axle_x(axle)) for axle in AXLES)
     gradient = vehicle.mass / vehicle.wheelbase * (rear - front)
     gradient /= stiffness["front"] * stiffness["rear"]
@@ -522,8 +520,10 @@ def _drive(
 
 def recorded_commands(
     recording: Recording, vehicle: Vehicle, steering: SteeringMap, start: float
-) -> Commands:
+) -> tuple[Commands, float]:
     """Return the commands of a recording from a time on to its end.
+
+    With the standard deviation of the curvature that their steering gives [1/m].
 
     Parameters
     ----------
@@ -541,10 +541,11 @@ def recorded_commands(
     CommandsError
         If they are beyond what the model takes.
     IdentificationError
-        If a column contradicts the poses, or has a gap while the vehicle moves.
+        If a column contradicts the poses, or has a gap while the vehicle moves; or if the speed of
+        the poses is to be followed, and is beyond what the model takes.
     """
     motion = motion_of(recording)
-    angle, _ = setpoints_of(recording, motion, vehicle, steering)
+    angle, turn_std = setpoints_of(recording, motion, vehicle, steering)
     check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
     moving = (motion.time >= start) & (np.abs(motion.speed) > SLOWEST)
     for reason, gap in _gaps_of_inputs(recording, motion).items():
@@ -557,8 +558,15 @@ def recorded_commands(
     rows = slice(int(first), len(motion.time))
     speed = _recorded_setpoints(recording, vehicle, motion, rows)
     if speed is None:
-        return speed_followed(vehicle, angle[rows], motion.speed[rows])
-    return Commands(TICK * np.arange(len(speed)), angle[rows], speed)
+        fast = rows.start + np.flatnonzero(np.abs(motion.speed[rows]) > MAX_SPEED)
+        if len(fast):
+            raise IdentificationError(
+                f"{recording.name}: drives faster than {MAX_SPEED:g} m/s, at "
+                f"{motion.time[fast[0]]:.2f} s, or its poses jump there: cut the table off there, "
+                "or identify windows of it (tricycle identify --columns)"
+            )
+        return speed_followed(vehicle, angle[rows], motion.speed[rows]), turn_std
+    return Commands(TICK * np.arange(len(speed)), angle[rows], speed), turn_std
 
 
 def _recorded_setpoints(

@@ -369,11 +369,12 @@ class MotionModel:
         There may be more values than motions: the others are of the first motion.
         """
         errors, deviations = (SPEED_ERROR, TURN_ERROR), (SPEED_DEVIATION, TURN_DEVIATION)
-        if self.drive.speed is not None and any(len(self.knots_of(name)) for name in errors):
+        if any(len(self.knots_of(name)) for name in errors):
             faster, turning = (self._at_knots(name, values) for name in errors)
-            at = np.linspace(0, len(self.drive.speed) - 1, faster.shape[1]).astype(int)
-            speed = self.drive.speed[at]
-            faster *= np.where(np.abs(speed) > RESTING, 1.0 / np.where(speed, speed, 1.0), 0.0)
+            if self.drive.speed is not None:  # m/s, as a share of it
+                at = np.linspace(0, len(self.drive.speed) - 1, faster.shape[1]).astype(int)
+                speed = self.drive.speed[at]
+                faster *= np.where(np.abs(speed) > RESTING, 1.0 / np.where(speed, speed, 1.0), 0.0)
             motion = self._deviated(motion, faster, turning)
         if any(len(self.knots_of(name)) for name in deviations):
             motion = self._deviated(motion, *(self._at_knots(name, values) for name in deviations))
@@ -445,11 +446,10 @@ class MotionModel:
 
     def _of_path(self) -> Iterator[Nuisance]:
         """Errors of a speed and a steering that are followed, from the first sample on."""
-        if self.drive.speed is None:
-            return
         first = min(float(signal.time[0]) for signal in self.drive.signals.values())
+        first = max(first, 0.0)  # a drive of its own may have been measured before its start
         for name, unit, std in (
-            (SPEED_ERROR, "m/s", self.drive.speed_std),
+            (SPEED_ERROR, "m/s", 0.0 if self.drive.speed is None else self.drive.speed_std),
             (TURN_ERROR, "1/m", self.drive.turn_std),
         ):
             knots = self._knots(_SPACING[name])

@@ -227,6 +227,8 @@ class DriveFit:
         Name of the recording that the drive is a window of; empty: a drive of its own.
     map_estimated : bool
         Whether its steering's angle is by a map that was estimated from the recording.
+    steering_late : float
+        By how much the steering of its commands may be late against the signals [s].
     """
 
     name: str
@@ -237,6 +239,7 @@ class DriveFit:
     lack: Lack | None = None
     recording: str = ""
     map_estimated: bool = False
+    steering_late: float = 0.0
 
 
 @dataclass(frozen=True)

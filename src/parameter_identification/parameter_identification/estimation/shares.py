@@ -91,6 +91,8 @@ class DriveShare:
         Whether its bag is.
     vehicle_hash : str
         Fingerprint of the vehicle file that it was driven with; empty: not recorded.
+    steering_late : float
+        By how much the steering of its commands may be late against the signals [s].
     """
 
     name: str
@@ -105,6 +107,7 @@ class DriveShare:
     truth: Mapping[str, float]
     complete: bool = True
     vehicle_hash: str = ""
+    steering_late: float = 0.0
 
 
 def first_fit(
@@ -212,4 +215,5 @@ def share_of(
         truth=drive.truth,
         complete=drive.complete,
         vehicle_hash=drive.vehicle_hash,
+        steering_late=drive.steering_late,
     )

@@ -68,6 +68,7 @@ def fits_of_drives(
                 lack=_lack(problem, optimum, drive, after),
                 recording=model.drive.recording,
                 map_estimated=model.drive.map_estimated,
+                steering_late=model.drive.steering_late,
             )
         )
     return tuple(fits)

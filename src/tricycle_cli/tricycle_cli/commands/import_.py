@@ -27,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Writes a table (CSV) as a bag (MCAP) with the suite's topics. Where the vehicle stands "
         "before it drives, the bag can be judged: its reference is what the nominal vehicle does "
-        "with the recorded commands. With a speed_command it can be identified from, too."
+        "with the recorded commands. With a speed_command, and a steering_map that is not "
+        "estimated, it can be identified from, too."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
@@ -58,8 +59,9 @@ def run(args: argparse.Namespace) -> int:
     steering = steering_of(recording, vehicle, columns)
     start = write_bag(recording, vehicle, steering, args.output)
     print(f"{len(recording.time)} poses in {args.output}")
-    if isinstance(steering, EstimatedMap):
-        print(f"{steering}: that of nominal tyres, `tricycle identify` corrects it")
+    estimated = isinstance(steering, EstimatedMap)
+    if estimated:
+        print(f"{steering}: that of nominal tyres, which `tricycle identify` of the table corrects")
     if start is None:
         print(
             "no start event: the vehicle does not drive, or does not stand for 0.6 s before; the "
@@ -68,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
         )
     elif columns.speed_command is None:
         print("no speed_command: the bag can be judged; identify from the table", file=sys.stderr)
+    elif estimated:
+        print("estimated map: the bag can be judged; identify from the table", file=sys.stderr)
     elif recording.time[-1] - start > LONG:
         print(
             f"a drive of {recording.time[-1] - start:.0f} s: a model without feedback loses its "

@@ -263,6 +263,15 @@ class Vehicle:
             (stiffness * (arms.T @ np.linalg.solve(arms * stiffness @ arms.T, balance))).tolist()
         )
 
+    def axle_stiffness(self) -> dict[str, float]:
+        """Return the cornering stiffness of each axle [N/rad], of its tyres loaded as at rest."""
+        stiffness = dict.fromkeys(AXLES, 0.0)
+        for wheel, load in zip(self.wheels, self.static_loads(), strict=True):
+            own = self.of(wheel)
+            by_load = 1.0 + own.load_sensitivity * (load / own.mean_load - 1.0)
+            stiffness[wheel.axle] += by_load * own.cornering_stiffness
+        return stiffness
+
     def replace(self, **values: float) -> Vehicle:
         """Return the vehicle with other values.
 

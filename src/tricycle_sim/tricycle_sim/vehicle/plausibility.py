@@ -68,13 +68,7 @@ def _stability(vehicle: Vehicle) -> Iterator[str]:
         for name, limits in vehicle.unknown.items()
         if name.rpartition(".")[2] == "cornering_stiffness"
     }
-    softest = vehicle.replace(**lowest)
-    stiffness = {"front": 0.0, "rear": 0.0}
-    for wheel, load in zip(vehicle.wheels, vehicle.static_loads(), strict=True):
-        own = softest.of(wheel)
-        by_load = 1.0 + own.load_sensitivity * (load / own.mean_load - 1.0)
-        stiffness[wheel.axle] += by_load * own.cornering_stiffness
-    front, rear = stiffness["front"], stiffness["rear"]
+    front, rear = vehicle.replace(**lowest).axle_stiffness().values()
     understeer = vehicle.com_to_rear_axle * rear - vehicle.com_to_front_axle * front
     if understeer < 0 < min(front, rear) and "motor_no_load_speed" in vehicle.values:
         critical = math.sqrt(front * rear * vehicle.wheelbase**2 / (-understeer * vehicle.mass))
