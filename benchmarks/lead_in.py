@@ -69,7 +69,7 @@ def begun(plan, seed, *, led):
     if led:
         playback.parts.add_lead_in(plan.lead_in)
     began, started = rig.time, None
-    first = lead_in_of(commands) + OPEN_LOOP
+    first = lead_in_of(commands, VEHICLE) + OPEN_LOOP
     while started is None or rig.time < started + first:
         now = rig.time
         playback.hear(Readiness(rig.armed, "" if rig.armed else "; ".join(host.log[-3:]), ""), now)
