@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace, _ArgumentGroup
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from tricycle_cli.argument_types import at_least, datum
 from tricycle_core.documents import check_folder
@@ -250,8 +250,13 @@ def noise_of(args: Namespace, default: MeasurementNoise) -> MeasurementNoise:
     default : MeasurementNoise
         Values of the options that are left out.
     """
-    given = {name: getattr(args, name, None) for name in vars(default)}
-    return replace(default, **{name: value for name, value in given.items() if value is not None})
+    return replace(default, **_given(args, vars(default)))
+
+
+def _given(args: Namespace, names: Iterable[str]) -> dict[str, Any]:
+    """Values of the options of some names that are given."""
+    values = {name: getattr(args, name, None) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
@@ -397,8 +402,7 @@ def topics_of(args: Namespace, kept: TopicNames | None = None) -> TopicNames:
     from parameter_identification.drives.recorded import TopicNames
 
     names = kept or TopicNames()
-    given = {name: getattr(args, name, None) for name in vars(names)}
-    return replace(names, **{name: value for name, value in given.items() if value is not None})
+    return replace(names, **_given(args, vars(names)))
 
 
 def refuse_topics(args: Namespace, why: str) -> None:
