@@ -212,7 +212,8 @@ class FleetPosterior:
     beyond : ndarray of bool, shape (s,)
         True for common variables that all drives together pull beyond their ranges.
     scatters : sequence of VehicleScatter
-        How the drives of each vehicle scatter.
+        How the drives of each vehicle scatter, over the deviations by its drives alone. `result_of`
+        compares with what all vehicles leave of these: a shared parameter is known better.
     """
 
     fits: Sequence[VehicleFit]
