@@ -202,7 +202,7 @@ def identify(
     # for small matrices more threads only cost
     with threadpool_limits(1, user_api="blas"), problem_with(estimated) as problem:
         shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
-        weighs = bool(weighed and problem.constant_effects())
+        weighs = bool(weighed and problem.variables.constant_effects)
         if weighs or len(drives) >= MIN_DRIVES_FOR_SCATTER or redraw is not None:
             profiles = False
         to_optimum = starts * bool(estimated) + steps_to_optimum(problem, starts)

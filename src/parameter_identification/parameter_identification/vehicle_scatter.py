@@ -22,9 +22,9 @@ from parameter_identification.estimation.interval_correction import (
     few_drives_factors,
     scatter_factors,
 )
-from parameter_identification.estimation.problem import at_bounds
 from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.validation import CHANCE
+from parameter_identification.estimation.variables import at_bounds
 from parameter_identification.vehicle_fit import VehicleFit
 from tricycle_core.quantities import FloatArray
 

@@ -9,9 +9,10 @@ from simulated_drives import HIGH, LOW, NAMES, TRUTH, VEHICLE, commands_of_pair,
 from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.measured import MeasuredDrive
 from parameter_identification.estimation.bootstrap import bootstrap_deviations
+from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.optimum import Optimum
-from parameter_identification.estimation.problem import Fit, LeastSquares, Loss
+from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.results import Identification
 from parameter_identification.identification import identify
 

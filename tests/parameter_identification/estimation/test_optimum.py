@@ -1,12 +1,15 @@
 """The best of several fits, and which others are rivals."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.optimum import find_optimum
-from parameter_identification.estimation.problem import Fit
 from parameter_identification.estimation.quadratic import Quadratic
+from parameter_identification.estimation.variables import ProblemVariables
 
 VALLEY = np.array([1.0, 1.0]) / np.sqrt(2.0)  # along it the cost hardly rises
 INFORMATION = 1e4 * np.eye(2) - (1e4 - 4.0) * np.outer(VALLEY, VALLEY)
@@ -16,7 +19,7 @@ class Valleys:
     """Two parameters; a search ends where it comes into the nearest of some valleys."""
 
     k = n = 2
-    of_deviations = np.zeros(2, dtype=bool)
+    variables = ProblemVariables(2, [[]], 0)
 
     def __init__(self, starts, bottoms):
         self.noise = {}
@@ -81,7 +84,7 @@ class Deviating(Valleys):
     """A parameter that acts from 0.7 on, and a deviation that may do instead what it does."""
 
     k = 1
-    of_deviations = np.array([False, True])
+    variables = SimpleNamespace(of_deviations=np.array([False, True]))
 
     def minimise(self, start, free=None, *, tolerance=0.01):
         free = np.ones(2, dtype=bool) if free is None else free

@@ -14,7 +14,6 @@ from parameter_identification.estimation.observability import hidden_combination
 from parameter_identification.estimation.optimum import find_optimum, steps_to_optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import profile
-from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.validation import (
     fits_of_drives,
     predict_held_out,
@@ -68,26 +67,6 @@ def test_what_an_earlier_identification_knew_does_not_make_drives_agree(problem,
         ):
             np.testing.assert_allclose(one.gradient, other.gradient)
             np.testing.assert_allclose(one.information, other.information)
-
-
-class Wall(LeastSquares):
-    """One variable that is drawn to 10, and from 1 on held back as by a stiff spring."""
-
-    def __init__(self, stiffness):
-        self.stiffness, self.n, self.samples_in_all = stiffness, 1, 1000
-        self.low, self.high, self._rough = np.array([-100.0]), np.array([100.0]), np.array([False])
-
-    def quadratic(self, v):
-        beyond = max(v[0] - 1.0, 0.0)
-        columns = np.array([[1.0, v[0] - 10.0], [self.stiffness * (beyond > 0.0), 0.0]])
-        columns[1, 1] = self.stiffness * beyond
-        return Quadratic.of_gram(v, columns.T @ columns)
-
-
-@pytest.mark.parametrize("stiffness", [3.0, 30.0, 1000.0])
-def test_a_stiff_kink_does_not_end_the_search_before_it(stiffness):
-    found = Wall(stiffness).minimise(np.zeros(1))
-    assert found.cost < 81.0 * stiffness**2 / (1.0 + stiffness**2) + 0.2
 
 
 def test_variables_that_are_not_free_stay(problem):
@@ -162,13 +141,13 @@ def test_a_drive_left_out_leaves_what_the_others_find_alone(problem, optimum):
             [problem.models[left]], PRIOR.mean, PRIOR.information, Loss.SQUARED
         ) as one:
             one.noise = problem.noise
-            at = np.append(np.arange(problem.k), problem.nuisances_at(left))
+            at = np.append(np.arange(problem.k), problem.variables.nuisances_of(left))
             alone = one.quadratic(v[at])
             np.testing.assert_allclose(found[at], alone.minimum(), atol=1e-3)
             np.testing.assert_allclose(
                 covariance[shared, shared], alone.covariance()[shared, shared], rtol=1e-3
             )
-        own = problem.nuisances_at(drive)
+        own = problem.variables.nuisances_of(drive)
         np.testing.assert_allclose(found[own], 0.0, atol=1e-9)  # nothing says what they are
         assert own_cost.information.shape == (problem.k + len(own),) * 2
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from parameter_identification.estimation.problem import Fit
+from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.profiles import profile
 
 STD = 0.05

@@ -8,9 +8,12 @@ import pytest
 from scipy.integrate import simpson
 from scipy.optimize import approx_fprime, least_squares
 
+from parameter_identification.estimation.deviation_sizes import DeviationSizes
+from parameter_identification.estimation.levenberg_marquardt import Fit
+from parameter_identification.estimation.nuisance import Nuisance
 from parameter_identification.estimation.optimum import Optimum
-from parameter_identification.estimation.problem import Fit
 from parameter_identification.estimation.quadratic import Quadratic
+from parameter_identification.estimation.variables import ProblemVariables
 from parameter_identification.estimation.weighing import indispensable, refitted, weigh_effects
 
 
@@ -96,9 +99,14 @@ class Curved:
     low, high = np.full(3, -9.0), np.full(3, 9.0)
     noise = MappingProxyType({})
     std, chance = 0.15, 0.3
-    of_deviations = np.zeros(3, dtype=bool)
 
     def __init__(self, slopes, curvatures, seen):
+        self.variables = ProblemVariables(1, [[Nuisance("", "1", 0.0, 1.0)] * 2], 0)
+        self.variables.constant_effects = {
+            Possible("first", self.chance): [1],
+            Possible("second", self.chance): [2],
+        }
+        self.sizes = DeviationSizes(self.variables)
         self.slopes, self.curvatures, self.seen = map(np.array, (slopes, curvatures, seen))
 
     def residual(self, v):
@@ -113,26 +121,11 @@ class Curved:
     def minimise(self, start, free, *, tolerance=0.0):
         return minimum_of(self.residual, start, free)
 
-    def constant_effects(self):
-        return {Possible("first", self.chance): [1], Possible("second", self.chance): [2]}
-
     def each(self, function, *of):
         return map(function, *of)
 
-    def sizes(self):
-        return {}
-
-    def more_precision(self, sizes):
-        return np.zeros(self.n)
-
-    def log_normaliser(self, sizes):
-        return 0.0
-
     def log_determinant(self, v):
         return 0.0
-
-    def set_sizes(self, sizes):
-        """There are no deviations."""
 
     def estimate_noise(self, v):
         """It is known."""

@@ -74,7 +74,7 @@ def bootstrap_deviations(
         with LeastSquares(models, problem.mean, problem.information, loss) as again:
             start = np.append(at[: problem.k], np.zeros(again.n - problem.k))
             # the drives were redrawn with these parameters
-            again.set_weights(problem.noise, problem.sizes(), start)
+            again.set_weights(problem.noise, problem.sizes.by_name(), start)
             # without the range, which would cut errors off
             found = again.quadratic(again.minimise(start).at).minimum()
             errors[repeat] = found[: problem.k] - at[: problem.k]

@@ -15,8 +15,9 @@ from excitation_planner.design.prior import BoxPrior
 from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.mixture import Mixture
 from parameter_identification.estimation.optimum import Optimum
-from parameter_identification.estimation.problem import LeastSquares, at_bounds
+from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.quadratic import Quadratic
+from parameter_identification.estimation.variables import at_bounds
 from tricycle_core.quantities import FloatArray
 
 MIN_DRIVES_FOR_SCATTER = 10  # drives from which their scatter is an estimate

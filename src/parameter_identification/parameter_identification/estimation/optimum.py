@@ -8,8 +8,9 @@ import numpy as np
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
+from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.noise import NoiseLevel
-from parameter_identification.estimation.problem import Fit, LeastSquares
+from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.steps import uncounted
 from tricycle_core.quantities import FloatArray
 
@@ -74,7 +75,7 @@ def find_optimum(
         step()
     lowest = min(fits, key=lambda fit: fit.cost)
     first = settled(problem, lowest, step)
-    if problem.of_deviations.any():
+    if problem.variables.of_deviations.any():
         other = _after_one_without_deviations(problem, first)
         if other.cost < first.cost - ROUGH:
             first = settled(problem, other)
@@ -149,8 +150,8 @@ def settled(problem: LeastSquares, fit: Fit, step: Callable[[], None] = uncounte
 
 def _after_one_without_deviations(problem: LeastSquares, fit: Fit) -> Fit:
     """A fit that begins where deviations, which adapt easily, cannot yet do what an effect does."""
-    start = np.where(problem.of_deviations, 0.0, fit.at)
-    without = problem.minimise(start, ~problem.of_deviations, tolerance=ROUGH)
+    start = np.where(problem.variables.of_deviations, 0.0, fit.at)
+    without = problem.minimise(start, ~problem.variables.of_deviations, tolerance=ROUGH)
     return problem.minimise(without.at, tolerance=ROUGH)
 
 

@@ -1,17 +1,14 @@
 """The least-squares problem of several drives, its minimisation and its noise.
 
-A variable vector (n,) holds the parameters in their ranges, then the nuisances in standard
-deviations of their priors: those that the drives share, then for each drive its own.
+A variable vector (n,) holds parameters and nuisances, as `variables` says.
 
 All that the minimisation needs of thousands of residuals r and their Jacobian J is the matrix
 [J r]ᵀ[J r] of size n + 1, to which every signal of every drive adds its part.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +17,8 @@ from numpy.typing import NDArray
 from excitation_planner.choice import Choice
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
-from parameter_identification.estimation import chi_square
+from parameter_identification.estimation.deviation_sizes import DeviationSizes
+from parameter_identification.estimation.levenberg_marquardt import Fit, minimum_of
 from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.noise import (
     NoiseLevel,
@@ -32,19 +30,16 @@ from parameter_identification.estimation.noise import (
 )
 from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.steps import uncounted
+from parameter_identification.estimation.variables import ProblemVariables
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.closing import Closing
 from tricycle_core.cores import usable_cores
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.effects import Effect
 
 CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
 OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
-MAX_STEPS = 50
-ROUGHNESS = 0.3  # of the cost: a damped step that would lower it by less is not tried
 KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
-LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
 
 _T = TypeVar("_T")
 
@@ -54,34 +49,6 @@ class Loss(Choice):
 
     SQUARED = "squared"  # efficient for Gaussian noise
     ROBUST = "robust"  # residuals beyond `OUTLYING` standard deviations are down-weighted
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A minimum.
-
-    Attributes
-    ----------
-    at : ndarray of float, shape (n,)
-        Variables.
-    cost : float
-        Squared residuals divided by their variances, with the priors' part.
-    """
-
-    at: FloatArray
-    cost: float
-
-
-def at_bounds(v: FloatArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-    """Return which variables (n,) are at one of their bounds.
-
-    Parameters
-    ----------
-    v, low, high : ndarray of float, shape (n,)
-        The variables and their bounds.
-    """
-    found: NDArray[np.bool_] = np.fmin(v - low, high - v) <= 1e-9
-    return found
 
 
 class LeastSquares(Closing):
@@ -100,12 +67,14 @@ class LeastSquares(Closing):
 
     Attributes
     ----------
+    variables : ProblemVariables
+        Order and bounds of the variables.
     n, k, shared : int
-        Numbers of variables: all, the parameters among them, and those that all drives have in
-        common. Variables are in this order: parameters in their ranges, effects of all drives, then
-        what each drive has of its own, both in standard deviations of their priors.
+        Their numbers: all, the parameters among them, and those that all drives have in common.
     low, high : ndarray of float, shape (n,)
-        Bounds of the variables.
+        Their bounds.
+    sizes : DeviationSizes
+        How large the deviations are.
     noise : dict of Sensor to NoiseLevel
         Noise of each sensor, by which residuals are weighted; `estimate_noise` sets it.
     floors : dict of Sensor to float
@@ -118,31 +87,13 @@ class LeastSquares(Closing):
         self, models: Sequence[DriveModel], mean: FloatArray, information: FloatArray, loss: Loss
     ) -> None:
         self.models, self.mean, self.information = models, mean, information
-        self.k = len(mean)
         self._robust = loss is Loss.ROBUST
-        self.shared = shared = self.k + models[0].shared
-        sizes = [len(model.nuisances) - model.shared for model in models]
-        ends = shared + np.cumsum([0, *sizes])
-        self.n = int(ends[-1])
-        self._places = [
-            np.concatenate([np.arange(shared), np.arange(first, last)])
-            for first, last in itertools.pairwise(ends)
-        ]
-        self.low, self.high = np.zeros(self.n), np.ones(self.n)
-        self.low[self.k :], self.high[self.k :] = -math.inf, math.inf
-        self._of_effects, self._rough = np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool)
-        self._processes: dict[Effect, list[int]] = {}
-        for model, at in zip(models, self._places, strict=True):
-            for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
-                self.low[i] = max(self.low[i], (n.low - n.mean) / n.std)
-                self.high[i] = min(self.high[i], (n.high - n.mean) / n.std)
-                self._of_effects[i] = n.effect is not None
-                self._rough[i] = n.effect is not None and n.effect.rough
-                if n.effect is not None and n.effect.process:
-                    self._processes.setdefault(n.effect, []).append(i)
-        self._precision = np.ones(self.n - self.k)  # of the nuisances' priors
-        for places in self._processes.values():  # they grow where the data ask for it
-            self._precision[np.array(places) - self.k] = 1.0 / FIRST_SIZE**2
+        self.variables = variables = ProblemVariables(
+            len(mean), [model.nuisances for model in models], models[0].shared
+        )
+        self.n, self.k, self.shared = variables.n, variables.k, variables.shared
+        self.low, self.high = variables.low, variables.high
+        self.sizes = DeviationSizes(variables)
         self.floors = self._floors()
         self.noise = {sensor: NoiseLevel(white) for sensor, white in self._white_levels().items()}
         self._samples = [
@@ -203,7 +154,7 @@ class LeastSquares(Closing):
             model, at = pair
             return model.predict(v[: self.k], v[at[self.k :]])
 
-        found = list(self.each(predict, zip(self.models, self._places, strict=True)))
+        found = list(self.each(predict, zip(self.models, self.variables.of_drives, strict=True)))
         if len(self._predicted) == KEPT:
             del self._predicted[next(iter(self._predicted))]
         self._predicted[key] = found
@@ -231,7 +182,7 @@ class LeastSquares(Closing):
     ) -> Iterator[FloatArray]:
         return self.each(
             lambda predicted, samples, at: self._signals_gram(predicted, samples, at, noise),
-            *(predictions, self._samples, self._places),
+            *(predictions, self._samples, self.variables.of_drives),
         )
 
     def slopes(self, v: FloatArray) -> FloatArray:
@@ -246,9 +197,9 @@ class LeastSquares(Closing):
         """
         grams = self._grams(self.predictions(v), self.noise)
         slopes = np.array([gram[:-1, -1] for gram in grams])
-        for slope, at in zip(slopes, self._places, strict=True):
+        for slope, at in zip(slopes, self.variables.of_drives, strict=True):
             own = at[self.shared :]
-            slope[own] += self._precision[own - self.k] * v[own]
+            slope[own] += self.sizes.precision[own - self.k] * v[own]
         return slopes
 
     def by_each_drive(self, v: FloatArray, free: NDArray[np.bool_]) -> Iterator[Quadratic]:
@@ -265,7 +216,7 @@ class LeastSquares(Closing):
         prior = self._prior_gram(v)
         prior[: self.k], prior[:, : self.k] = 0.0, 0.0
         for gram, at in zip(
-            self._grams(self.predictions(v), self.noise), self._places, strict=True
+            self._grams(self.predictions(v), self.noise), self.variables.of_drives, strict=True
         ):
             own = at[free[at]]
             places = np.append(own, self.n)
@@ -291,7 +242,7 @@ class LeastSquares(Closing):
         kept = np.flatnonzero(free)
         common = np.ix_([*range(self.shared), self.n], [*range(self.shared), self.n])
         of_common = np.array([gram[common] for gram in grams])
-        for drive, (gram, at) in enumerate(zip(grams, self._places, strict=True)):
+        for drive, (gram, at) in enumerate(zip(grams, self.variables.of_drives, strict=True)):
             own = at[self.shared :]
             # summed without this drive: a difference loses the prior where the drive tells far more
             rest = whole - gram
@@ -306,18 +257,6 @@ class LeastSquares(Closing):
             alone = Quadratic.of_gram(v[at], gram[np.ix_(place, place)])
             yield v - covariance @ rest[:-1, -1], covariance, alone
 
-    def at_an_end(self, v: FloatArray) -> NDArray[np.bool_]:
-        """Return which variables (n,) are at an end of what is taken for possible.
-
-        Parameters
-        ----------
-        v : ndarray of float, shape (n,)
-            Variables; effects that are 0 do not act.
-        """
-        ends = at_bounds(v, self.low, self.high)
-        ends[self.k :] &= v[self.k :] != 0.0
-        return ends
-
     def common_information(self) -> FloatArray:
         """Return the inverse covariance (n, n) of the priors of what all drives have in common."""
         information = self._prior_gram(np.zeros(self.n))[:-1, :-1]
@@ -331,9 +270,9 @@ class LeastSquares(Closing):
         gram[:k, :k] = self.information
         gram[:k, -1] = gram[-1, :k] = prior_gradient
         nuisances = v[k:]
-        gram[range(k, self.n), range(k, self.n)] = self._precision
-        gram[k:-1, -1] = gram[-1, k:-1] = self._precision * nuisances
-        gram[-1, -1] = deviation @ prior_gradient + self._precision @ nuisances**2
+        gram[range(k, self.n), range(k, self.n)] = self.sizes.precision
+        gram[k:-1, -1] = gram[-1, k:-1] = self.sizes.precision * nuisances
+        gram[-1, -1] = deviation @ prior_gradient + self.sizes.precision @ nuisances**2
         return gram
 
     def _signals_gram(
@@ -389,10 +328,7 @@ class LeastSquares(Closing):
     def minimise(
         self, start: FloatArray, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01
     ) -> Fit:
-        """Find the minimum from a start, within the ranges.
-
-        The method of Levenberg and Marquardt; every step is a linear problem with bounds, so that a
-        parameter at the end of its range does not block the others.
+        """Find the minimum from a start, within the bounds.
 
         Parameters
         ----------
@@ -405,59 +341,15 @@ class LeastSquares(Closing):
             is where the cost rises by some 4); that step is taken, its cost is the quadratic one.
             Where the cost is more than one per sample, so much more.
         """
-        free = np.ones(self.n, dtype=bool) if free is None else free
-        here = self.quadratic(np.where(free, np.clip(start, self.low, self.high), start))
-        damping, undamped = np.zeros(self.n), False  # the latter: tried since the last success
-        for _ in range(MAX_STEPS):
-            step = here.step(self.low, self.high, free=free, damping=damping)
-            decrease = here.decrease(step)
-            following = np.where(free, np.clip(here.at + step, self.low, self.high), here.at)
-            scale = max(1.0, here.cost / self.samples_in_all)
-            if decrease < tolerance * scale:
-                return Fit(following, here.cost - decrease)
-            if damping.any() and decrease < ROUGHNESS * scale:
-                if undamped:
-                    break
-                damping, undamped = np.zeros(self.n), True  # it may be of a step long ago
-                continue
-            trial = self.quadratic(following)
-            if trial.cost < here.cost - 0.1 * decrease and trial.finite:
-                here = trial
-                damping, undamped = np.where(damping > 1.0, damping / 10.0, 0.0), False
-            elif np.any(free & self._rough):  # their slope at a point is not that on average
-                free = free & ~self._rough
-            else:
-                # a secant over a long step may be of a kink near its start: not all of it at once
-                most = 10.0 * np.maximum(damping, np.diag(here.information))
-                damping = np.minimum(np.maximum(10.0 * damping, here.lacking(step, trial)), most)
-        return Fit(here.at, here.cost)
-
-    def nuisances_at(self, drive: int) -> NDArray[np.int64]:
-        """Return the place of each nuisance of a drive among the variables.
-
-        Parameters
-        ----------
-        drive : int
-            Number of the drive.
-        """
-        return self._places[drive][self.k :]
-
-    def constant_effects(self) -> dict[Effect, list[int]]:
-        """Return the places among the variables of each effect that is no deviation."""
-        found: dict[Effect, set[int]] = {}
-        for model, at in zip(self.models, self._places, strict=True):
-            for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
-                if n.effect is not None and not n.effect.process:
-                    found.setdefault(n.effect, set()).add(i)
-        return {effect: sorted(places) for effect, places in found.items()}
-
-    @property
-    def of_deviations(self) -> NDArray[np.bool_]:
-        """True for variables (n,) of deviations."""
-        found = np.zeros(self.n, dtype=bool)
-        for places in self._processes.values():
-            found[places] = True
-        return found
+        return minimum_of(
+            self.quadratic,
+            start,
+            (self.low, self.high),
+            free=np.ones(self.n, dtype=bool) if free is None else free,
+            rough=self.variables.rough,
+            samples=self.samples_in_all,
+            tolerance=tolerance,
+        )
 
     def estimate_sizes(self, v: FloatArray) -> None:
         """Set how large the deviations are, for which their estimates at `v` are most likely.
@@ -466,36 +358,9 @@ class LeastSquares(Closing):
         ----------
         v : ndarray of float, shape (n,)
             Variables.
-
-        References
-        ----------
-        D. J. C. MacKay, Neural Computation 4 (1992) 415-447, Eq. 4.8.
         """
-        if not self._processes:
-            return
-        variance = np.diag(self.quadratic(v).covariance())
-        for at in self._processes.values():
-            of_priors = np.array(at) - self.k
-            shown = np.sum(1.0 - self._precision[of_priors] * variance[at])
-            square = np.sum(v[at] ** 2) / max(shown, 1e-3)  # of the size
-            self._precision[of_priors] = 1.0 / np.clip(square, LEAST_SIZE**2, MOST_SIZE**2)
-
-    def sizes(self) -> dict[str, float]:
-        """Return the size of each deviation, in standard deviations of its prior, by name."""
-        return {
-            e.name: 1.0 / math.sqrt(float(self._precision[at[0] - self.k]))
-            for e, at in self._processes.items()
-        }
-
-    def set_sizes(self, sizes: Mapping[str, float]) -> None:
-        """Set how large the deviations are.
-
-        Parameters
-        ----------
-        sizes : mapping of str to float
-            Standard deviation of each, in those of its effect's prior, by name.
-        """
-        self._precision = self._precision + self.more_precision(sizes)[self.k :]
+        if self.variables.deviations:
+            self.sizes.estimate(self.quadratic(v))
 
     def set_weights(
         self, noise: Mapping[Sensor, NoiseLevel], sizes: Mapping[str, float], v: FloatArray
@@ -507,73 +372,13 @@ class LeastSquares(Closing):
         noise : mapping of Sensor to NoiseLevel
             Noise of every sensor that a drive has, and perhaps of others.
         sizes : mapping of str to float
-            As for `set_sizes`.
+            Sizes of the deviations, by name.
         v : ndarray of float, shape (n,)
             Variables of that fit.
         """
         self.noise = {sensor: noise[sensor] for sensor in self.noise}
-        self.set_sizes(sizes)
+        self.sizes.set(sizes)
         self.weigh(v)
-
-    def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
-        """Return the prior information (n,) that other sizes of the deviations add.
-
-        Parameters
-        ----------
-        sizes : mapping of str to float
-            As for `set_sizes`.
-        """
-        more = np.zeros(self.n)
-        for e, places in self._processes.items():
-            at = np.array(places)
-            more[at] = 1.0 / sizes[e.name] ** 2 - self._precision[at - self.k]
-        return more
-
-    def log_normaliser(self, sizes: Mapping[str, float]) -> float:
-        """Return the logarithm of the density of no deviation, for their sizes, but for a constant.
-
-        Parameters
-        ----------
-        sizes : mapping of str to float
-            As for `set_sizes`.
-        """
-        return -sum(len(at) * math.log(sizes[e.name]) for e, at in self._processes.items())
-
-    def chances_of_deviations(self, v: FloatArray) -> dict[str, float]:
-        """Return the probability of drives that show as much of each deviation, if there were none.
-
-        The score test of a variance component: without the deviation, the derivatives of the cost
-        along its bases are normal, with the information of the drives as their covariance. The sum
-        of their squares is compared with a chi-squared distribution of the same mean and variance.
-
-        Parameters
-        ----------
-        v : ndarray of float, shape (n,)
-            Variables at the minimum.
-
-        Returns
-        -------
-        chances : dict of str to float
-            By name of the deviation.
-
-        References
-        ----------
-        X. Lin, Biometrika 84 (1997) 309-326.
-        """
-        chances = {}
-        here = self.quadratic(v)
-        information, rhs = here.information, here.rhs
-        for e, places in self._processes.items():
-            at = np.array(places)
-            rest = np.setdiff1d(np.arange(self.n), at)
-            onto = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, at)])
-            scores = rhs[at] - onto.T @ rhs[rest]
-            shown = information[np.ix_(at, at)] - information[np.ix_(at, rest)] @ onto
-            shown -= np.diag(self._precision[at - self.k])  # by the drives, without the prior
-            mean, half_variance = np.trace(shown), np.sum(shown**2)
-            scale = half_variance / mean
-            chances[e.name] = chi_square.tail(scores @ scores / scale, mean / scale)
-        return chances
 
     def estimate_noise(self, v: FloatArray, step: Callable[[], None] = uncounted) -> None:
         """Set the weights of the samples and the noise of each sensor from the residuals at `v`.
@@ -593,8 +398,8 @@ class LeastSquares(Closing):
         }
         whole = sum(grams.values(), self._prior_gram(v))
         # effects count as known here: they are few against the samples, and would take long
-        kept = np.append(np.flatnonzero(~self._of_effects), self.n)
-        place = np.cumsum(np.append(~self._of_effects, True)) - 1
+        kept = np.append(np.flatnonzero(~self.variables.of_effects), self.n)
+        place = np.cumsum(np.append(~self.variables.of_effects, True)) - 1
 
         def estimate(sensor: Sensor) -> NoiseLevel:
             channels = [
@@ -604,8 +409,10 @@ class LeastSquares(Closing):
                     place[np.append(at, self.n)[own]],
                     s[sensor],
                 )
-                for found, s, at in zip(predictions, self._samples, self._places, strict=True)
-                for own in [np.append(~self._of_effects[at], True)]
+                for found, s, at in zip(
+                    predictions, self._samples, self.variables.of_drives, strict=True
+                )
+                for own in [np.append(~self.variables.of_effects[at], True)]
                 for p in found
                 if p.sensor is sensor
                 for channel in range(p.residual.shape[1])

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from parameter_identification.estimation import chi_square
-from parameter_identification.estimation.problem import Fit, LeastSquares
+from parameter_identification.estimation.levenberg_marquardt import Fit
+from parameter_identification.estimation.problem import LeastSquares
 from tricycle_core.quantities import FloatArray
 
 STEPS = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations

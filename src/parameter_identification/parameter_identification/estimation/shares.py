@@ -144,7 +144,7 @@ def first_fit(
         with LeastSquares(models, *known, Loss.SQUARED) as problem:
             best = find_optimum(problem, starts=4, seed=seed, level=0.95, near=near)
             common = problem.k + models[0].shared
-            noise, sizes = dict(problem.noise), problem.sizes()
+            noise, sizes = dict(problem.noise), problem.sizes.by_name()
     return FitSetting(vehicle, tuple(effects), noise, sizes, measured), best.fit.at[:common]
 
 

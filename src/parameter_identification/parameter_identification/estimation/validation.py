@@ -55,7 +55,7 @@ def fits_of_drives(
             n.name: NuisanceEstimate(
                 n.mean + n.std * float(optimum.fit.at[at]), n.std * float(std[at]), n.unit
             )
-            for at, n in zip(problem.nuisances_at(drive), model.nuisances, strict=True)
+            for at, n in zip(problem.variables.nuisances_of(drive), model.nuisances, strict=True)
             if n.effect is None
         }
         fits.append(
@@ -83,7 +83,7 @@ def _lack(
     problem: LeastSquares, optimum: Optimum, drive: int, predictions: Sequence[Prediction]
 ) -> Lack:
     """Misfit along a drive: residuals of the positions, and the deviations."""
-    model, at = problem.models[drive], problem.nuisances_at(drive)
+    model, at = problem.models[drive], problem.variables.nuisances_of(drive)
     z, own = optimum.fit.at[: problem.k], optimum.fit.at[at]
     position = _position(predictions)
     seconds, second, count = np.unique(
@@ -104,7 +104,7 @@ def _lack(
     std = np.sqrt(np.diag(optimum.covariance))[at]
     for name, unit, factor in DEVIATIONS:
         knots = model.motion.knots_of(name)
-        if len(knots) and problem.sizes()[name] > NO_SIZE:
+        if len(knots) and problem.sizes.by_name()[name] > NO_SIZE:
             scale = factor * model.nuisances[knots[0]].std
             of_knots = np.linspace(0.0, model.drive.commands.duration, len(knots))
             values[f"{name} / {unit}"] = np.interp(time, of_knots, scale * own[knots])
@@ -127,10 +127,12 @@ def effects_of_drives(
     acts : mapping of str to float
         Probability of each effect, where they were weighed.
     """
-    std, ends = np.sqrt(np.diag(optimum.covariance)), problem.at_an_end(optimum.fit.at)
+    std, ends = np.sqrt(np.diag(optimum.covariance)), problem.variables.at_an_end(optimum.fit.at)
     estimates = []
     for drive, model in enumerate(problem.models):
-        for i, (at, n) in enumerate(zip(problem.nuisances_at(drive), model.nuisances, strict=True)):
+        for i, (at, n) in enumerate(
+            zip(problem.variables.nuisances_of(drive), model.nuisances, strict=True)
+        ):
             e, own = n.effect, i >= model.shared
             if e is None or e.process or (drive and not own):
                 continue
@@ -146,7 +148,8 @@ def effects_of_drives(
                     at_an_end=bool(ends[at]),
                 )
             )
-    sizes, chances = problem.sizes(), problem.chances_of_deviations(optimum.fit.at)
+    sizes = problem.sizes.by_name()
+    chances = problem.sizes.chances(problem.quadratic(optimum.fit.at))
     for e in problem.models[0].effects:
         if e.process and e.name in sizes:  # no drive starts from rest: none deviates at its start
             size, known = e.std * sizes[e.name], acts.get(e.name)
@@ -214,12 +217,12 @@ def predict_each_other(
         Predictions of each drive at the best fit, one per sensor.
     """
     v, missed, estimates = optimum.fit.at, 0.0, []
-    free = (v != 0.0) & ~problem.at_an_end(v)  # other effects are held there
+    free = (v != 0.0) & ~problem.variables.at_an_end(v)  # other effects are held there
     for drive, (others, covariance, alone) in enumerate(problem.by_the_others(v, free)):
         model = problem.models[drive]
         estimates.append(others[: problem.k])
         known, fitted = problem.k + model.shared, _fitted(model)
-        own = problem.nuisances_at(drive)[model.shared :]
+        own = problem.variables.nuisances_of(drive)[model.shared :]
         change = np.append((others - v)[:known], -v[own])
         bent = alone.gradient + alone.information[:, ~fitted] @ change[~fitted]
         change[fitted] = -np.linalg.solve(alone.information[np.ix_(fitted, fitted)], bent[fitted])
@@ -352,11 +355,11 @@ def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel)
     moments = optimum.covariance + np.outer(optimum.fit.at, optimum.fit.at)
     covariance = np.zeros((known + len(model.nuisances) - model.shared,) * 2)
     covariance[:known, :known] = optimum.covariance[:known, :known]
-    of_effect = problem.constant_effects()
+    of_effect = problem.variables.constant_effects
     for i, nuisance in enumerate(model.nuisances[model.shared :], start=known):
         if nuisance.effect in of_effect:
             covariance[i, i] = np.mean(np.diag(moments)[of_effect[nuisance.effect]])
-    for name, size in problem.sizes().items():
+    for name, size in problem.sizes.by_name().items():
         knots = problem.k + model.motion.knots_of(name)
         share = _staying_share(problem, moments, name)
         correlation = share + (1.0 - share) * np.eye(len(knots))
@@ -368,7 +371,7 @@ def _staying_share(problem: LeastSquares, moments: FloatArray, name: str) -> flo
     """Share of a deviation's variance that is constant along each drive: its knots' correlation."""
     together = alone = 0.0
     for drive, model in enumerate(problem.models):
-        knots = problem.nuisances_at(drive)[model.motion.knots_of(name)]
+        knots = problem.variables.nuisances_of(drive)[model.motion.knots_of(name)]
         if len(knots) > 1:
             own = moments[np.ix_(knots, knots)]
             together += (np.sum(own) - np.trace(own)) / (len(knots) - 1)

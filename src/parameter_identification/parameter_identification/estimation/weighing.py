@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import logit, logsumexp
 
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.mixture import NEGLECTED, Mixture, joined, mixture_of
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
-from parameter_identification.estimation.problem import Fit, LeastSquares
+from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.quadratic import Quadratic
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.effects import Effect
@@ -59,7 +60,7 @@ def weigh_effects(
     optimum : Optimum
         The best fit with all effects.
     """
-    effects, noise, sizes = _Effects(problem), problem.noise, problem.sizes()
+    effects, noise, sizes = _Effects(problem), problem.noise, problem.sizes.by_name()
 
     def end_from(start: FloatArray, free: NDArray[np.bool_]) -> _End:
         problem.set_weights(noise, sizes, optimum.fit.at)
@@ -68,7 +69,7 @@ def weigh_effects(
     ends = [_end_of_search(problem, optimum.fit, np.ones(problem.n, dtype=bool))]
     none = effects.free_in(np.zeros(len(effects.places), dtype=bool))
     if not np.array_equal(ends[0].free, none):
-        start = np.where(none & ~problem.of_deviations, optimum.fit.at, 0.0)
+        start = np.where(none & ~problem.variables.of_deviations, optimum.fit.at, 0.0)
         ends = _distinct([*ends, end_from(start, none)])
         if len(ends) > 1:
             in_one = ends[0].free | ends[1].free
@@ -157,7 +158,7 @@ class _End:
 
 def _end_of_search(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> _End:
     """Where a search ends that begins at a fit with some effects; its weights stay set."""
-    effects, sizes = _Effects(problem), problem.sizes()
+    effects, sizes = _Effects(problem), problem.sizes.by_name()
     for later in reversed(range(ROUNDS)):
         near = problem.quadratic(fit.at)
         likely = _likely_sizes(problem, near, free)
@@ -166,7 +167,7 @@ def _end_of_search(problem: LeastSquares, fit: Fit, free: NDArray[np.bool_]) -> 
         best = likely[int(np.argmax(by_sizes))][0]
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
             break  # so that the weights are those of the fit
-        problem.set_sizes(best)
+        problem.sizes.set(best)
         sizes = best
         fit, free, needed = refitted(problem, fit, acts, effects.places)
         effects.count_as_acting(needed)
@@ -225,7 +226,7 @@ class _Effects:
     """
 
     def __init__(self, problem: LeastSquares) -> None:
-        effects = problem.constant_effects()
+        effects = problem.variables.constant_effects
         self._problem = problem
         self.log_odds_added = 0.0
         self._chances = {effect.name: effect.chance for effect in effects}
@@ -265,7 +266,7 @@ class _Effects:
 
         def weighed(chosen: tuple[dict[str, float], float]) -> tuple[Mixture, float]:
             sizes, prior = chosen
-            H, rhs = here.information + np.diag(self._problem.more_precision(sizes)), here.rhs
+            H, rhs = here.information + np.diag(self._problem.sizes.more_precision(sizes)), here.rhs
             onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
             found = mixture_of(
                 H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
@@ -372,13 +373,13 @@ def _likely_sizes(problem: LeastSquares, here: Quadratic, free: NDArray[np.bool_
     sizes are probable is found with the effects that are free; there are no other deviations than
     of size `NO_DEVIATION` with a probability of 1 - `Effect.chance`.
     """
-    names, kept = list(problem.sizes()), np.flatnonzero(free)
+    names, kept = list(problem.sizes.by_name()), np.flatnonzero(free)
     found, evidence = [], []
     before = [math.log(1.0 - Effect.chance), *[math.log(Effect.chance / len(SIZES))] * len(SIZES)]
     for chosen in product(range(1 + len(SIZES)), repeat=len(names)):
         sizes = {n: (NO_DEVIATION, *SIZES)[i] for n, i in zip(names, chosen, strict=True)}
-        prior = sum(before[i] for i in chosen) + problem.log_normaliser(sizes)
-        H = here.information + np.diag(problem.more_precision(sizes))
+        prior = sum(before[i] for i in chosen) + problem.sizes.log_normaliser(sizes)
+        H = here.information + np.diag(problem.sizes.more_precision(sizes))
         found.append((sizes, prior))
         evidence.append(prior + _log_evidence(H, here.rhs, kept))
     order = np.argsort(-np.array(evidence))

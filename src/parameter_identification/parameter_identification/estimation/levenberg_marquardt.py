@@ -1,0 +1,93 @@
+"""The minimum of a sum of squares within bounds, by the method of Levenberg and Marquardt.
+
+Every step is a linear problem with bounds, so that a variable at one of them does not block the
+others.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parameter_identification.estimation.quadratic import Quadratic
+from tricycle_core.quantities import FloatArray
+
+MAX_STEPS = 50
+ROUGHNESS = 0.3  # of the cost: a damped step that would lower it by less is not tried
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A minimum.
+
+    Attributes
+    ----------
+    at : ndarray of float, shape (n,)
+        Variables.
+    cost : float
+        Squared residuals divided by their variances, with the priors' part.
+    """
+
+    at: FloatArray
+    cost: float
+
+
+def minimum_of(
+    quadratic: Callable[[FloatArray], Quadratic],
+    start: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    *,
+    free: NDArray[np.bool_],
+    rough: NDArray[np.bool_],
+    samples: int,
+    tolerance: float,
+) -> Fit:
+    """Find a minimum from a start.
+
+    Parameters
+    ----------
+    quadratic : callable
+        Returns the cost near variables (n,), to the second order.
+    start : ndarray of float, shape (n,)
+        Variables.
+    bounds : (ndarray of float, ndarray of float), shapes (n,)
+        Lower and upper bounds of the variables that may change.
+    free : ndarray of bool, shape (n,)
+        True for variables that may change.
+    rough : ndarray of bool, shape (n,)
+        True for those of which the slope at a point is not that on average: they stay where they
+        are from the first step on that fails.
+    samples : int
+        Number of residuals.
+    tolerance : float
+        The search ends when the next step would lower the quadratic cost by less; that step is
+        taken, its cost is the quadratic one. Where the cost is more than one per sample, so much
+        more.
+    """
+    low, high = bounds
+    here = quadratic(np.where(free, np.clip(start, low, high), start))
+    damping, undamped = np.zeros(len(start)), False  # the latter: tried since the last success
+    for _ in range(MAX_STEPS):
+        step = here.step(low, high, free=free, damping=damping)
+        decrease = here.decrease(step)
+        following = np.where(free, np.clip(here.at + step, low, high), here.at)
+        scale = max(1.0, here.cost / samples)
+        if decrease < tolerance * scale:
+            return Fit(following, here.cost - decrease)
+        if damping.any() and decrease < ROUGHNESS * scale:
+            if undamped:
+                break
+            damping, undamped = np.zeros(len(start)), True  # it may be of a step long ago
+            continue
+        trial = quadratic(following)
+        if trial.cost < here.cost - 0.1 * decrease and trial.finite:
+            here = trial
+            damping, undamped = np.where(damping > 1.0, damping / 10.0, 0.0), False
+        elif np.any(free & rough):
+            free = free & ~rough
+        else:
+            # a secant over a long step may be of a kink near its start: not all of it at once
+            most = 10.0 * np.maximum(damping, np.diag(here.information))
+            damping = np.minimum(np.maximum(10.0 * damping, here.lacking(step, trial)), most)
+    return Fit(here.at, here.cost)
