@@ -12,7 +12,7 @@ the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuis
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import chain
@@ -122,6 +122,46 @@ class _Followed:
         return np.pad(wanted - self.commanded, ((0, 0), (0, 1)), mode="edge")
 
 
+@dataclass(frozen=True, eq=False)
+class _Differences:
+    """Finite differences of the motion by e nuisances, in the order of their lanes.
+
+    Attributes
+    ----------
+    lanes : ndarray of int, shape (e,)
+        Indices of the nuisances.
+    simulated : int
+        Number of the first ones, which are in the batch.
+    steps : ndarray of float, shape (e,)
+        Lengths of the steps, in standard deviations of the priors.
+    inwards : ndarray of bool, shape (e,)
+        True where steps are towards the mean, beyond which there may be bounds; a vehicle that
+        rests never steps backwards.
+    """
+
+    lanes: NDArray[np.int64]
+    simulated: int
+    steps: FloatArray
+    inwards: NDArray[np.bool_]
+
+    @classmethod
+    def by(cls, acting: Mapping[int, Nuisance]) -> "_Differences":
+        """Return the differences by nuisances, given by their indices."""
+        ordered = sorted(acting.items(), key=lambda item: _way(item[1]))
+        nuisances = [n for _, n in ordered]
+        return cls(
+            np.array([i for i, _ in ordered]),
+            sum(_way(n) is _Way.SIMULATED for n in nuisances),
+            np.array([_step(n) for n in nuisances]),
+            np.array([n.name not in _STEPS for n in nuisances]),
+        )
+
+    def lengths(self, nuisances: FloatArray) -> FloatArray:
+        """Return the steps (e,) from a point (q,), with their signs."""
+        inwards = self.inwards & (nuisances[self.lanes] > 0.0)
+        return np.where(inwards, -self.steps, self.steps)
+
+
 class MotionModel:
     """Motion of a vehicle on a drive, by parameters and nuisances.
 
@@ -167,7 +207,9 @@ class MotionModel:
         self.measured = drive.measured_throughout & can_follow & frozenset(measured)
         if Input.SPEED in self.measured:
             vehicle = with_stiff_loop(vehicle)
-        self._vehicle = vehicle
+        self._vehicle, self._effects = vehicle, effects
+        self.low, high = np.array(list(vehicle.unknown.values())).T
+        self.width = high - self.low
         self._followed = _follow(vehicle, drive, self.measured)
         self._affected = with_effects(vehicle, effects)
         self._batch = simulator(self._affected, drive.commands, setpoint=drive.start.speed)
@@ -177,17 +219,7 @@ class MotionModel:
             else self._batch
         )
         self.time = self._batch.time
-        seen = _OF_SOME_DRIVES | _wheel_columns(drive)
-        self._columns = {
-            sensor: columns
-            for sensor, columns in seen.items()
-            if sensor in drive.signals and set(columns) <= set(self._batch.available)
-        }
-        left_out = seen.keys() - self._columns.keys()
-        if Input.SPEED in self.measured:
-            left_out |= {Sensor.WHEEL_SPEED}
-        signals = {s: signal for s, signal in drive.signals.items() if s not in left_out}
-        self.drive = dataclasses.replace(drive, signals=signals)
+        self.drive, self._columns = _compared(drive, self._batch.available, self.measured)
         self.nuisances = (
             *chain.from_iterable(map(self._of_effect, sorted(effects, key=lambda e: e.per_drive))),
             Nuisance(START_SPEED, "m/s", drive.start.speed, START_SPEED_STD),
@@ -196,27 +228,20 @@ class MotionModel:
         )
         self._in_units = InUnits(self.nuisances)
         idle = {name for one in self.measured for name in OF_INPUT[one]}
-        acting = [
-            (i, n)
+        acting = {
+            i: n
             for i, n in enumerate(self.nuisances)
             if n.effect is None or n.effect.name not in idle
-        ]
-        self._at = {n.name: i for i, n in acting}
+        }
+        self._differences = _Differences.by(acting)
+        self.lanes = self._differences.lanes
+        self._at = {n.name: i for i, n in acting.items()}
         self._places = {
             name: np.array(
                 [i for n, i in self._at.items() if n.rpartition(" ")[0] == name], dtype=np.int64
             )
             for name in (START_DEVIATION, *_SPACING)
         }
-        self._effects = effects
-        self.low, high = np.array(list(vehicle.unknown.values())).T
-        self.width = high - self.low
-        acting.sort(key=lambda pair: _way(pair[1]))
-        self.lanes: NDArray[np.int64] = np.array([i for i, _ in acting])
-        self._simulated = sum(_way(n) is _Way.SIMULATED for _, n in acting)
-        self._steps = np.array([_step(n) for _, n in acting])
-        # towards the mean, where there may be bounds; a vehicle that rests never steps backwards
-        self._inwards = np.array([n.name not in _STEPS for _, n in acting])
 
     def parameters(self, z: FloatArray) -> FloatArray:
         """Return parameters in their units.
@@ -284,12 +309,7 @@ class MotionModel:
             of their priors.
         """
         k, e = len(z), len(self.lanes)
-        lengths = np.concatenate(
-            [
-                np.where(z < 0.5, STEP, -STEP),
-                np.where(self._inwards & (nuisances[self.lanes] > 0.0), -self._steps, self._steps),
-            ]
-        )
+        lengths = np.append(np.where(z < 0.5, STEP, -STEP), self._differences.lengths(nuisances))
         Z, all_nuisances = np.tile(z, (1 + k + e, 1)), np.tile(nuisances, (1 + k + e, 1))
         Z[1 + np.arange(k), np.arange(k)] += lengths[:k]
         all_nuisances[1 + k + np.arange(e), self.lanes] += lengths[k:]
@@ -308,7 +328,7 @@ class MotionModel:
     def _lanes_of(self, Z: FloatArray, nuisances: FloatArray) -> Motions:
         """Motions of n lanes; those after the simulated ones have the parameters of the first."""
         values = self._in_units(nuisances)
-        simulated = min(len(Z), 1 + len(self.low) + self._simulated)
+        simulated = min(len(Z), 1 + len(self.low) + self._differences.simulated)
         constants = affected_constants(
             self._affected,
             self._vehicle.unknown,
@@ -456,6 +476,27 @@ class MotionModel:
             before = int(first / float(self.time[-1]) * (knots - 1))
             for number in range(knots - before if std > 0.0 else 0):
                 yield Nuisance(f"{name} {number}", unit, 0.0, std)
+
+
+def _compared(
+    drive: MeasuredDrive, available: Collection[str], measured: Collection[Input]
+) -> tuple[MeasuredDrive, dict[Sensor, tuple[str, ...]]]:
+    """The drive with the signals that are compared, and the columns that sensors of them see.
+
+    Columns are those of the simulator's `available` ones that sensors see which not every drive
+    has. The speed of wheels that move as measured is not compared.
+    """
+    seen = _OF_SOME_DRIVES | _wheel_columns(drive)
+    columns = {
+        sensor: own
+        for sensor, own in seen.items()
+        if sensor in drive.signals and set(own) <= set(available)
+    }
+    left_out = seen.keys() - columns.keys()
+    if Input.SPEED in measured:
+        left_out |= {Sensor.WHEEL_SPEED}
+    signals = {s: signal for s, signal in drive.signals.items() if s not in left_out}
+    return dataclasses.replace(drive, signals=signals), columns
 
 
 def _follow(
