@@ -245,14 +245,8 @@ def _evidence(
     without, others = np.empty((count + 1, size, size)), np.empty((count + 1, size, size))
     logarithms = np.zeros(count + 1)  # of what precedes the drives, and of the determinants
     most = np.zeros(count + 1)  # that bounds of those which act may add
-    undecided = np.zeros(count + 1)  # logarithm of the odds of all their subsets together
     swept = np.zeros((count + 1, size), dtype=np.bool_)
-    gains = np.zeros(count)
-    for g in range(count - 1, -1, -1):
-        for v in range(ends[g], ends[g + 1]):
-            if np.isfinite(least[v]):
-                gains[g] += math.log(2.0 / math.erfc(least[v] / math.sqrt(2.0)))
-        undecided[g] = undecided[g + 1] + math.log1p(math.exp(odds[g] + gains[g]))
+    gains, undecided = _most_added(ends, least, odds)
     without[0] = matrix
     for v in range(ends[0]):
         logarithms[0] -= 0.5 * _sweep(without[0], v, 0)
@@ -264,13 +258,10 @@ def _evidence(
     tried = np.zeros(count + 1, dtype=np.int64)  # ways of deciding each effect: 1 with it, 2 both
     while g >= 0:
         if g == count:
-            last = without[g]
-            value = logarithms[g] - 0.5 * last[-1, -1]
-            for bound in bounded:
-                if swept[g, bound]:
-                    above = (last[bound, -1] - least[bound]) / math.sqrt(2.0 * last[bound, bound])
-                    value += math.log(max(math.erfc(-above), 1e-300))
-                    value -= math.log(math.erfc(least[bound] / math.sqrt(2.0)))
+            value = logarithms[g] - 0.5 * without[g, -1, -1]
+            for v in bounded:
+                if swept[g, v]:
+                    value = _with_bound(value, without[g], v, least[v])
             if number == len(found):
                 subsets = np.concatenate((subsets, subsets))
                 found = np.concatenate((found, found))
@@ -307,6 +298,50 @@ def _evidence(
         if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + not_searched:
             g += 1
     return subsets[:number], found[:number]
+
+
+@compiled
+def _most_added(
+    ends: NDArray[np.int64], least: FloatArray, odds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Most that effects may add to the logarithm of the evidence, beside a better fit.
+
+    Parameters
+    ----------
+    ends, least, odds
+        As those of `_evidence`.
+
+    Returns
+    -------
+    gains : ndarray of float, shape (g,)
+        By the bounds of each effect, if all of what the drives allow is above them.
+    undecided : ndarray of float, shape (g + 1,)
+        By all subsets together of each effect and those after it.
+    """
+    count = len(odds)
+    gains, undecided = np.zeros(count), np.zeros(count + 1)
+    for g in range(count - 1, -1, -1):
+        for v in range(ends[g], ends[g + 1]):
+            if np.isfinite(least[v]):
+                gains[g] += math.log(2.0 / math.erfc(least[v] / math.sqrt(2.0)))
+        undecided[g] = undecided[g + 1] + math.log1p(math.exp(odds[g] + gains[g]))
+    return gains, undecided
+
+
+@compiled
+def _with_bound(value: float, moments: FloatArray, i: int, least: float) -> float:
+    """Logarithm of evidence that counts a bound too, other variables taken as not bounded.
+
+    Parameters
+    ----------
+    value : float
+        The logarithm without this bound.
+    moments, i, least
+        As those of `_cut_off`.
+    """
+    above = (moments[i, -1] - least) / math.sqrt(2.0 * moments[i, i])
+    value += math.log(max(math.erfc(-above), 1e-300))
+    return value - math.log(math.erfc(least / math.sqrt(2.0)))
 
 
 @compiled
