@@ -47,9 +47,9 @@ from parameter_identification.estimation.motions import Simulator
 from parameter_identification.estimation.observability import hidden_combinations
 from parameter_identification.estimation.optimum import (
     Optimum,
+    counts_to_optimum,
     find_optimum,
     rough_minima,
-    steps_to_optimum,
 )
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.problem import LeastSquares, Loss
@@ -65,7 +65,7 @@ from parameter_identification.estimation.results import (
     Profile,
     common_truth,
 )
-from parameter_identification.estimation.steps import Steps
+from parameter_identification.estimation.tally import Tally
 from parameter_identification.estimation.unknown import restrict
 from parameter_identification.estimation.validation import (
     effects_of_drives,
@@ -205,24 +205,26 @@ def identify(
         weighs = bool(weighed and problem.variables.constant_effects)
         if weighs or len(drives) >= MIN_DRIVES_FOR_SCATTER or redraw is not None:
             profiles = False
-        to_optimum = starts * bool(estimated) + steps_to_optimum(problem, starts)
+        to_optimum = starts * bool(estimated) + counts_to_optimum(problem, starts)
         to_end = to_optimum + weighs + len(shown) * profiles + REPEATS * (redraw is not None)
-        step = Steps(progress, to_end)
+        tally = Tally(progress, to_end)
         near = None
         if estimated:  # without effects a search takes a tenth of the time
             with problem_with(()) as without:
-                near = rough_minima(without, starts=starts, seed=seed, step=step)
-        optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near, step=step)
-        step.pass_to(to_optimum)
+                near = rough_minima(without, starts=starts, seed=seed, count=tally)
+        optimum = find_optimum(
+            problem, starts=starts, seed=seed, level=level, near=near, count=tally
+        )
+        tally.pass_to(to_optimum)
         average: Mixture | None = None
         acts: dict[str, float] = {}
         if weighs:
             optimum, average, acts = weigh_effects(problem, optimum)
-            step()
+            tally()
         least = None
         if redraw is not None:
             least = bootstrap_deviations(
-                problem, optimum, redraw, loss=loss, level=level, seed=seed, step=step
+                problem, optimum, redraw, loss=loss, level=level, seed=seed, count=tally
             )
         predictions = problem.predictions(optimum.fit.at)
         tested = whiteness_of_residuals(problem, predictions)
@@ -242,8 +244,8 @@ def identify(
         )
         curves: dict[int, ProfileCurve] = {}
         if profiles and not correction.beyond.any() and not correction.scatter > 1.0:
-            curves = _curves(problem, optimum, shown, level, step)
-        step.pass_to(to_end)
+            curves = _curves(problem, optimum, shown, level, tally)
+        tally.pass_to(to_end)
         k, model = problem.k, problem.models[0]
         if lower := [curve.lower for curve in curves.values() if curve.lower is not None]:
             lowest = min(lower, key=lambda fit: fit.cost)
@@ -300,11 +302,11 @@ def _measured(
 
 
 def _curves(
-    problem: LeastSquares, optimum: Optimum, shown: Sequence[int], level: float, step: Steps
+    problem: LeastSquares, optimum: Optimum, shown: Sequence[int], level: float, tally: Tally
 ) -> dict[int, ProfileCurve]:
     """Profile likelihoods of some parameters, by number."""
     curves = {}
     for i in shown:
         curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
-        step()
+        tally()
     return curves

@@ -269,7 +269,7 @@ def _weigh(fit: VehicleFit) -> _Average:
         here.information,
         here.rhs,
         [[i] for i in effects],
-        [effect.chance for effect in fit.setting.shared],
+        [effect.prior_probability for effect in fit.setting.shared],
         {i: variables.low[i] for i in effects if variables.low[i] > -CERTAIN},
     )
     fit.at = np.clip(mixture.means[0], variables.low, variables.high)

@@ -131,7 +131,7 @@ class VehicleFit:
 
     @property
     def fits(self) -> "tuple[VehicleFit, ...]":
-        """The vehicle itself, as the only one of its search."""
+        """The vehicle itself, as the only one of its descent."""
         return (self,)
 
     def trial(self, length: float) -> tuple[list[FloatArray], float]:
@@ -157,7 +157,7 @@ class VehicleFit:
         return costs[0].cost
 
 
-class Search(Protocol):
+class Descent(Protocol):
     """Vehicles whose common cost is minimised step by step."""
 
     @property
@@ -301,52 +301,52 @@ def _summed(
 
 
 def descend(
-    searches: Sequence[Search], executor: Executor | None, names: Sequence[str] = ()
+    descents: Sequence[Descent], executor: Executor | None, names: Sequence[str] = ()
 ) -> None:
-    """Bring the vehicles of each search to their least cost, all in the same passes.
+    """Bring the vehicles of each descent to their least cost, all in the same passes.
 
     Parameters
     ----------
-    searches : sequence of Search
+    descents : sequence of Descent
         They have no vehicle in common.
     executor : concurrent.futures.Executor, optional
         Default: this process.
     names : sequence of str
-        Names of the searches, for the message.
+        Names of the descents, for the message.
 
     Raises
     ------
     IdentificationError
         If the minimum of one is not found.
     """
-    every = [fit for search in searches for fit in search.fits]
+    every = [fit for descent in descents for fit in descent.fits]
     for fit, cost in zip(every, evaluate(every, [f.at for f in every], executor), strict=True):
         fit.here = cost
-    lengths = dict.fromkeys(range(len(searches)), 1.0)
+    lengths = dict.fromkeys(range(len(descents)), 1.0)
     for _ in range(PASSES):
         trials = {}
         for i in list(lengths):
-            points, decrease = searches[i].trial(lengths[i])
+            points, decrease = descents[i].trial(lengths[i])
             if decrease < TOLERANCE:
-                if lengths[i] < 1.0 and searches[i].trial(1.0)[1] > UNEXPLAINED:
+                if lengths[i] < 1.0 and descents[i].trial(1.0)[1] > UNEXPLAINED:
                     raise IdentificationError(
                         f"{names[i] + ': ' if names else ''}no minimum found: no step lowers the "
                         "cost, although its slope says so"
                     )
-                for fit, point in zip(searches[i].fits, points, strict=True):
+                for fit, point in zip(descents[i].fits, points, strict=True):
                     fit.at = point
                 del lengths[i]
             else:
                 trials[i] = points
         if not trials:
             return
-        moved = [fit for i in trials for fit in searches[i].fits]
+        moved = [fit for i in trials for fit in descents[i].fits]
         evaluated = iter(evaluate(moved, list(itertools.chain(*trials.values())), executor))
         for i, points in trials.items():
-            search, costs = searches[i], list(itertools.islice(evaluated, len(points)))
-            if search.total(costs) < search.total([fit.quadratic for fit in search.fits]):
+            descent, costs = descents[i], list(itertools.islice(evaluated, len(points)))
+            if descent.total(costs) < descent.total([fit.quadratic for fit in descent.fits]):
                 lengths[i] = 1.0
-                for fit, point, cost in zip(search.fits, points, costs, strict=True):
+                for fit, point, cost in zip(descent.fits, points, costs, strict=True):
                     fit.at, fit.here = point, cost
             else:
                 lengths[i] *= SHORTENED

@@ -23,7 +23,7 @@ from parameter_identification.estimation.interval_correction import (
     scatter_factors,
 )
 from parameter_identification.estimation.quadratic import Quadratic
-from parameter_identification.estimation.validation import CHANCE
+from parameter_identification.estimation.validation import LEAST_CHANCE
 from parameter_identification.estimation.variables import at_bounds
 from parameter_identification.vehicle_fit import VehicleFit
 from tricycle_core.quantities import FloatArray
@@ -134,7 +134,7 @@ def _where_missed(fit: VehicleFit, drives: Sequence[Quadratic], k: int) -> Float
         moved = replace(drive, gradient=drive.gradient + drive.information @ (design @ change))
         expected, samples = design @ covariance @ design.T, fit.quadratic.shares[i].samples
         chances.append(_chance(moved, expected, samples, free[:c], k))
-    return np.array(found) if min(chances) < CHANCE else None
+    return np.array(found) if min(chances) < LEAST_CHANCE else None
 
 
 def _chance(

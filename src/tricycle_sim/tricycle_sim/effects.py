@@ -77,7 +77,7 @@ class Effect:
         Whether it varies during a drive.
     step : float
         Step of finite differences, in standard deviations of the prior.
-    chance : float
+    prior_probability : float
         Probability before the drives that it acts.
     """
 
@@ -91,7 +91,7 @@ class Effect:
     per_drive: bool = False
     process: bool = False
     step: float = 0.01
-    chance: float = 0.1  # of some fifteen effects, one or two act
+    prior_probability: float = 0.1  # of some fifteen effects, one or two act
 
     @property
     def option(self) -> str:
@@ -107,7 +107,7 @@ class Effect:
 # finite differences of effects by which the gear turns round at another step of the simulation
 _COARSE = {"servo_backlash": 0.1}
 
-_CHANCES = {
+_PROBABILITIES = {
     TYRE_ROUNDING: 0.8,  # a tyre bends with the third power of its slip, as in Pacejka's formula
     ROAD_FRICTION: 0.3,  # each road has its own
     # hardly anybody has measured these
@@ -153,7 +153,7 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
 _OTHERS = (
-    Effect(SERVO_DEAD_TIME, "s", 0.02, low=0.0, high=REACH * 0.02, chance=0.5),
+    Effect(SERVO_DEAD_TIME, "s", 0.02, low=0.0, high=REACH * 0.02, prior_probability=0.5),
     Effect(DRIVE_DEAD_TIME, "s", 0.05, low=0.0, high=REACH * 0.05),
     Effect(SENSOR_FORWARD, "m", 0.03),
     Effect(SENSOR_LEFT, "m", 0.03),
@@ -249,7 +249,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
                 Effect(
                     *(name, unit, std, change, parts, low, high, per_drive),
                     step=step,
-                    chance=_CHANCES.get(name, Effect.chance),
+                    prior_probability=_PROBABILITIES.get(name, Effect.prior_probability),
                 )
             )
     for e in _OTHERS:

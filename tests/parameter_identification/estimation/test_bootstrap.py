@@ -73,6 +73,6 @@ def test_what_is_redrawn_of_a_fit_at_the_ends_of_ranges_is_in_them() -> None:
                 loss=Loss.SQUARED,
                 level=0.95,
                 seed=0,
-                step=lambda: None,
+                count=lambda: None,
             )
     assert [redrawn[0].nominal[name] for name in NAMES] == HIGH.tolist()

@@ -13,7 +13,7 @@ from parameter_identification.estimation.mixture import NEGLECTED, mixture_of
 NOISE = 0.3
 PARAMETERS = 2
 GROUPS = [[2], [3, 4], [5]]  # the second effect is one of each drive
-CHANCES = np.array([0.1, 0.3, 0.1])
+PROBABILITIES = np.array([0.1, 0.3, 0.1])
 
 
 def linear(seed, strength):
@@ -28,7 +28,7 @@ def linear(seed, strength):
 def weighed(design, seen):
     """Parameters have the prior N(0, 1) here, as the effects."""
     information = design.T @ design / NOISE**2 + np.eye(design.shape[1])
-    return mixture_of(information, design.T @ seen / NOISE**2, GROUPS, CHANCES)
+    return mixture_of(information, design.T @ seen / NOISE**2, GROUPS, PROBABILITIES)
 
 
 @pytest.mark.parametrize(("seed", "strength"), [(0, 0.0), (1, 0.1), (2, 1.0)])
@@ -42,7 +42,7 @@ def test_weights_are_those_of_bayes_rule(seed, strength):
         ]
         covariance = design[:, kept] @ design[:, kept].T + NOISE**2 * np.eye(len(seen))
         likelihood = multivariate_normal(np.zeros(len(seen)), covariance).pdf(seen)
-        expected.append(likelihood * np.prod(np.where(acting, CHANCES, 1.0 - CHANCES)))
+        expected.append(likelihood * np.prod(np.where(acting, PROBABILITIES, 1.0 - PROBABILITIES)))
     expected = np.array(expected) / np.sum(expected)
     number = found.acting @ [4, 2, 1]
     np.testing.assert_allclose(found.weights, expected[number], rtol=2 * NEGLECTED)
@@ -59,15 +59,15 @@ def test_the_search_of_many_effects_loses_no_more_than_it_may(seed):
     size = rng.normal(size=design.shape[1]) * (rng.uniform(size=design.shape[1]) < 0.4)
     information = design.T @ design + np.eye(design.shape[1])
     rhs = design.T @ (design @ size + rng.normal(size=40))
-    chances = rng.uniform(0.02, 0.8, size=effects)
+    probabilities = rng.uniform(0.02, 0.8, size=effects)
     groups = [[PARAMETERS + g] for g in range(effects)]
-    found = mixture_of(information, rhs, groups, chances)
+    found = mixture_of(information, rhs, groups, probabilities)
     evidence, subsets = [], list(product((False, True), repeat=effects))
     for acting in subsets:
         kept = np.append(np.full(PARAMETERS, True), acting)
         own = information[np.ix_(kept, kept)]
         fits = 0.5 * rhs[kept] @ np.linalg.solve(own, rhs[kept]) - 0.5 * np.linalg.slogdet(own)[1]
-        evidence.append(fits + np.dot(acting, logit(chances)))
+        evidence.append(fits + np.dot(acting, logit(probabilities)))
     assert found.evidence == pytest.approx(logsumexp(evidence), abs=2 * NEGLECTED)
     weights = np.exp(np.array(evidence) - logsumexp(evidence))
     np.testing.assert_allclose(

@@ -40,7 +40,7 @@ class Valleys:
 
     def estimate_sizes(self, v): ...
 
-    def estimate_noise(self, v, step): ...
+    def estimate_noise(self, v, count): ...
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ class Weighed(Valleys):
         second = np.linalg.norm(fit.at - self.bottoms[1]) < 1e-9
         return Fit(fit.at, fit.cost + self.depths[int(second)])
 
-    def estimate_noise(self, v, step=None):
+    def estimate_noise(self, v, count=None):
         self.depths = (100.0, 10.0)
 
 

@@ -11,7 +11,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.observability import hidden_combinations
-from parameter_identification.estimation.optimum import find_optimum, steps_to_optimum
+from parameter_identification.estimation.optimum import counts_to_optimum, find_optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import profile
 from parameter_identification.estimation.validation import (
@@ -37,13 +37,13 @@ def problem(pair):
 
 
 @pytest.fixture(scope="module")
-def steps():
+def counts():
     return []
 
 
 @pytest.fixture(scope="module")
-def optimum(problem, steps):
-    return find_optimum(problem, starts=2, seed=0, level=0.95, step=lambda: steps.append(1))
+def optimum(problem, counts):
+    return find_optimum(problem, starts=2, seed=0, level=0.95, count=lambda: counts.append(1))
 
 
 def test_the_gradient_is_that_of_the_cost(problem):
@@ -77,9 +77,9 @@ def test_variables_that_are_not_free_stay(problem):
     assert fit.cost < problem.quadratic(start).cost
 
 
-def test_the_steps_of_the_search_are_counted_and_no_more_than_were_told(problem, optimum, steps):
+def test_the_search_is_counted_and_not_more_often_than_was_told(problem, optimum, counts):
     settled = 1 + len(problem.noise)  # once, at least
-    assert 2 + settled + 1 <= len(steps) <= steps_to_optimum(problem, 2)
+    assert 2 + settled + 1 <= len(counts) <= counts_to_optimum(problem, 2)
 
 
 def test_the_optimum_is_near_the_truth_and_so_is_the_noise(problem, optimum):

@@ -88,7 +88,7 @@ def test_an_effect_without_which_the_cost_is_more_than_linear_is_indispensable(e
 @dataclass(frozen=True)
 class Possible:
     name: str
-    chance: float
+    prior_probability: float
     parts: tuple = ()
 
 
@@ -98,13 +98,13 @@ class Curved:
     n, k = 3, 1
     low, high = np.full(3, -9.0), np.full(3, 9.0)
     noise = MappingProxyType({})
-    std, chance = 0.15, 0.3
+    std, prior_probability = 0.15, 0.3
 
     def __init__(self, slopes, curvatures, seen):
         self.variables = ProblemVariables(1, [[Nuisance("", "1", 0.0, 1.0)] * 2], 0)
         self.variables.constant_effects = {
-            Possible("first", self.chance): [1],
-            Possible("second", self.chance): [2],
+            Possible("first", self.prior_probability): [1],
+            Possible("second", self.prior_probability): [2],
         }
         self.sizes = DeviationSizes(self.variables)
         self.slopes, self.curvatures, self.seen = map(np.array, (slopes, curvatures, seen))
@@ -144,9 +144,11 @@ def probabilities(problem):
         density = np.exp(-0.5 * np.sum(problem.residual(v) ** 2, axis=0))
         for acts in (second, first):
             density = simpson(density, x=effect) if acts else density[..., 0]
-        before = (problem.chance / np.sqrt(2.0 * np.pi)) ** (first + second)
+        before = (problem.prior_probability / np.sqrt(2.0 * np.pi)) ** (first + second)
         evidence[first, second] = (
-            before * (1.0 - problem.chance) ** (2 - first - second) * simpson(density, x=parameter)
+            before
+            * (1.0 - problem.prior_probability) ** (2 - first - second)
+            * simpson(density, x=parameter)
         )
     evidence /= evidence.sum()
     return {"first": evidence[1].sum(), "second": evidence[:, 1].sum()}

@@ -34,7 +34,7 @@ def bootstrap_deviations(
     loss: Loss,
     level: float,
     seed: int,
-    step: Callable[[], None],
+    count: Callable[[], None],
 ) -> FloatArray:
     """Return the standard deviations (k,) that give intervals of a level, by repeating the fit.
 
@@ -55,7 +55,7 @@ def bootstrap_deviations(
         Probability of the intervals.
     seed : int
         Seed of the noise of the redrawn drives.
-    step : callable
+    count : callable
         Called after each repeat.
 
     References
@@ -78,5 +78,5 @@ def bootstrap_deviations(
             # without the range, which would cut errors off
             found = again.quadratic(again.minimise(start).at).minimum()
             errors[repeat] = found[: problem.k] - at[: problem.k]
-        step()
+        count()
     return np.asarray(student_factor(REPEATS, level) * np.sqrt(np.mean(errors**2, axis=0)))

@@ -118,7 +118,7 @@ def mixture_of(
     information: FloatArray,
     rhs: FloatArray,
     groups: Sequence[Sequence[int]],
-    chances: Sequence[float],
+    probabilities: Sequence[float],
     least: Mapping[int, float] | None = None,
     neglected: float = NEGLECTED,
 ) -> Mixture:
@@ -133,7 +133,7 @@ def mixture_of(
         Information times the mean.
     groups : sequence of sequence of int
         Variables of each effect.
-    chances : sequence of float
+    probabilities : sequence of float
         Probability of each effect before the drives.
     least : mapping of int to float, optional
         Values below which variables of effects cannot be. Their distributions are cut off there,
@@ -157,7 +157,7 @@ def mixture_of(
     # what the drives show most clearly is decided first: most of the search is then cut off early
     ranks = np.argsort(-shown, kind="stable").tolist()
     groups = [groups[rank] for rank in ranks]
-    odds = logit(np.array(chances)[ranks])
+    odds = logit(np.array(probabilities)[ranks])
     members = [i for at in groups for i in at]
     always = np.setdiff1d(np.arange(d), members)
     sequence = np.concatenate([always, members]).astype(np.int64)

@@ -338,5 +338,5 @@ class DriveModel:
 
 def _thinned(signal: Signal) -> Signal:
     """Some 200 samples of a signal."""
-    step = max(1, len(signal.time) // 200)
-    return dataclasses.replace(signal, time=signal.time[::step], values=signal.values[::step])
+    every = max(1, len(signal.time) // 200)
+    return dataclasses.replace(signal, time=signal.time[::every], values=signal.values[::every])

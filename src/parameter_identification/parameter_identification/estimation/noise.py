@@ -203,7 +203,7 @@ def restricted_noise(
     H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545-554.
     """
     span = max(float(np.ptp(channel.time)) for channel in channels)
-    step = min(float(np.median(np.diff(channel.time))) for channel in channels)
+    spacing = min(float(np.median(np.diff(channel.time))) for channel in channels)
 
     def criterion(theta: FloatArray) -> float:
         white, drift, drift_time = np.exp(theta)
@@ -223,7 +223,7 @@ def restricted_noise(
         return float(0.5 * (log_determinant + misfit) + np.log(np.diag(factor)).sum())
 
     # the rounding of a value that hardly changes is an error that hardly changes
-    low = np.log([floor, max(1e-3 * start.white, floor), 2.0 * step])
+    low = np.log([floor, max(1e-3 * start.white, floor), 2.0 * spacing])
     high = np.log([1e3 * start.white + floor, 1e3 * start.white + floor, 2.0 * span])
     # next to no drift the slope by its logarithm vanishes: a search that begins there stays there
     drift, drift_time = max((start.drift, start.drift_time), (0.3 * start.white, 1.0))

@@ -11,7 +11,7 @@ from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.problem import LeastSquares
-from parameter_identification.estimation.steps import uncounted
+from parameter_identification.estimation.tally import uncounted
 from tricycle_core.quantities import FloatArray
 
 ROUGH = 0.3  # of the cost: tolerance of fits of which most are discarded
@@ -48,7 +48,7 @@ def find_optimum(
     seed: int,
     level: float,
     near: Sequence[FloatArray] | None = None,
-    step: Callable[[], None] = uncounted,
+    count: Callable[[], None] = uncounted,
 ) -> Optimum:
     """Find the best fit and the noise that belongs to it; the noise stays set in the problem.
 
@@ -64,31 +64,31 @@ def find_optimum(
         Probability of the intervals: a minimum within what they allow is a rival.
     near : sequence of ndarray of float, shape (k,), optional
         Parameters, in their ranges, to start from instead.
-    step : callable
-        Called after each of at most `steps_to_optimum`.
+    count : callable
+        Called after each of at most `counts_to_optimum`.
     """
     candidates = [np.append(z, np.zeros(problem.n - problem.k)) for z in near or ()]
     candidates = candidates or problem.candidates(starts, seed)
     fits = []
     for start in candidates:
         fits.append(problem.minimise(start, tolerance=ROUGH))
-        step()
+        count()
     lowest = min(fits, key=lambda fit: fit.cost)
-    first = settled(problem, lowest, step)
+    first = settled(problem, lowest, count)
     if problem.variables.of_deviations.any():
         other = _after_one_without_deviations(problem, first)
         if other.cost < first.cost - ROUGH:
             first = settled(problem, other)
     others = [fit for fit in fits if fit is not lowest]
-    best, rivals, agreed = _compare(problem, others, first, level, step)
+    best, rivals, agreed = _compare(problem, others, first, level, count)
     if best is not first:  # the noise is that of the other one
         best = settled(problem, best)
     covariance = problem.quadratic(best.at).covariance()
     return Optimum(best, covariance, tuple(rivals), (len(fits), 1 + agreed))
 
 
-def steps_to_optimum(problem: LeastSquares, starts: int) -> int:
-    """Return the most steps that `find_optimum` takes.
+def counts_to_optimum(problem: LeastSquares, starts: int) -> int:
+    """Return how often `find_optimum` counts at most.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def steps_to_optimum(problem: LeastSquares, starts: int) -> int:
 
 
 def rough_minima(
-    problem: LeastSquares, *, starts: int, seed: int, step: Callable[[], None] = uncounted
+    problem: LeastSquares, *, starts: int, seed: int, count: Callable[[], None] = uncounted
 ) -> list[FloatArray]:
     """Return the parameters (k,) of different minima, by the first guess of the noise.
 
@@ -113,7 +113,7 @@ def rough_minima(
         Number of fits from different starts.
     seed : int
         Seed of the starts.
-    step : callable
+    count : callable
         Called after each of them.
     """
     found: list[Fit] = []
@@ -121,11 +121,11 @@ def rough_minima(
         fit = problem.minimise(start, tolerance=ROUGH)
         if not any(_near(fit, other, problem.k) for other in found):
             found.append(fit)
-        step()
+        count()
     return [fit.at[: problem.k] for fit in found]
 
 
-def settled(problem: LeastSquares, fit: Fit, step: Callable[[], None] = uncounted) -> Fit:
+def settled(problem: LeastSquares, fit: Fit, count: Callable[[], None] = uncounted) -> Fit:
     """Return the fit with the noise that belongs to it; the noise stays set in the problem.
 
     Parameters
@@ -134,15 +134,15 @@ def settled(problem: LeastSquares, fit: Fit, step: Callable[[], None] = uncounte
         The problem.
     fit : Fit
         Fit by another noise, near which the search begins.
-    step : callable
+    count : callable
         Called after each fit, and each sensor's noise.
     """
     for _ in range(NOISE_ROUNDS):
         before = problem.noise
         problem.estimate_sizes(fit.at)
-        problem.estimate_noise(fit.at, step)
+        problem.estimate_noise(fit.at, count)
         fit = problem.minimise(fit.at)
-        step()
+        count()
         if _same_noise(before, problem.noise):
             break
     return fit
@@ -169,7 +169,7 @@ def _compare(
     fits: Sequence[Fit],
     best: Fit,
     level: float,
-    step: Callable[[], None],
+    count: Callable[[], None],
 ) -> tuple[Fit, list[FloatArray], int]:
     """Repeat other fits with the final noise: the best of all, its rivals (k,), and the agreement.
 
@@ -179,7 +179,7 @@ def _compare(
     allowed, k = chi_square.quantile(level, 1), problem.k
     ends = [best]
     for fit in fits:
-        step()
+        count()
         if not _near(fit, best, k):
             ends.append(problem.minimise(fit.at, tolerance=ROUGH))
     lowest, rivals = min(ends, key=lambda end: end.cost), []

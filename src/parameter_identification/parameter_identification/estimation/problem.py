@@ -29,7 +29,7 @@ from parameter_identification.estimation.noise import (
     whiten,
 )
 from parameter_identification.estimation.quadratic import Quadratic
-from parameter_identification.estimation.steps import uncounted
+from parameter_identification.estimation.tally import uncounted
 from parameter_identification.estimation.variables import ProblemVariables
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.closing import Closing
@@ -114,9 +114,9 @@ class LeastSquares(Closing):
         floors: dict[Sensor, float] = {}
         for model in self.models:
             for sensor, signal in model.drive.signals.items():
-                step = max(resolution(column) for column in signal.values.T)
+                rounding = max(resolution(column) for column in signal.values.T) / math.sqrt(12.0)
                 tiny = 1e-9 * (1.0 + float(np.ptp(signal.values)))
-                floors[sensor] = max(floors.get(sensor, 0.0), step / math.sqrt(12.0), tiny)
+                floors[sensor] = max(floors.get(sensor, 0.0), rounding, tiny)
         return floors
 
     def _white_levels(self) -> dict[Sensor, float]:
@@ -380,14 +380,14 @@ class LeastSquares(Closing):
         self.sizes.set(sizes)
         self.weigh(v)
 
-    def estimate_noise(self, v: FloatArray, step: Callable[[], None] = uncounted) -> None:
+    def estimate_noise(self, v: FloatArray, count: Callable[[], None] = uncounted) -> None:
         """Set the weights of the samples and the noise of each sensor from the residuals at `v`.
 
         Parameters
         ----------
         v : ndarray of float, shape (n,)
             Variables.
-        step : callable
+        count : callable
             Called when the noise of a sensor is known.
         """
         predictions = self.predictions(v)
@@ -423,7 +423,7 @@ class LeastSquares(Closing):
         found = {}
         for sensor, level in zip(self.noise, self.each(estimate, self.noise), strict=True):
             found[sensor] = level
-            step()
+            count()
         self.noise = found
 
     def weigh(self, v: FloatArray) -> None:

@@ -26,7 +26,7 @@ from tricycle_sim.effects import SPEED_DEVIATION, TURN_DEVIATION
 
 DEVIATIONS = ((SPEED_DEVIATION, "%", 100.0), (TURN_DEVIATION, "(1/m)", 1.0))
 """Deviations that go on all along a drive: name, unit that is shown, and the factor to it."""
-CHANCE = 0.01  # probability from which a drive is as far from its prediction as by chance
+LEAST_CHANCE = 0.01  # of a drive so far from its prediction: below it the prediction misses it
 NO_SIZE = 0.01  # of a deviation, in standard deviations of its prior, up to which it does not act
 
 
@@ -260,7 +260,7 @@ def _excess(
     half_variance += (2.0 * by_model + noise) * (level.white**2 + alike * level.drift**2)
     degrees = mean**2 / half_variance
     found = float(np.sum(weights[:, np.newaxis] * residual**2))
-    if chi_square.tail(degrees * found / mean, degrees) >= CHANCE:
+    if chi_square.tail(degrees * found / mean, degrees) >= LEAST_CHANCE:
         return 0.0
     return (found - mean) / float(weights.sum())
 

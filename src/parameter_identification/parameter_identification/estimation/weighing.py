@@ -229,7 +229,7 @@ class _Effects:
         effects = problem.variables.constant_effects
         self._problem = problem
         self.log_odds_added = 0.0
-        self._chances = {effect.name: effect.chance for effect in effects}
+        self._prior = {effect.name: effect.prior_probability for effect in effects}
         self.places = {effect.name: at for effect, at in effects.items()}
         self.laws = [at for effect, at in effects.items() if effect.parts]
         of_effects = sorted(i for at in self.places.values() for i in at)
@@ -243,8 +243,8 @@ class _Effects:
     def count_as_acting(self, names: Sequence[str]) -> None:
         """Let these effects act in all subsets that are averaged."""
         for name in names:
-            self.log_odds_added += float(logit(INDISPENSABLE) - logit(self._chances[name]))
-            self._chances[name] = INDISPENSABLE
+            self.log_odds_added += float(logit(INDISPENSABLE) - logit(self._prior[name]))
+            self._prior[name] = INDISPENSABLE
 
     def free_in(self, acting: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """True for the problem's variables (n,) that are free where these effects act."""
@@ -272,7 +272,7 @@ class _Effects:
                 H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
                 rhs[variables] - onto.T @ rhs[rest],
                 self._groups,
-                list(self._chances.values()),
+                list(self._prior.values()),
                 self._least,
                 neglected,
             )
@@ -371,11 +371,12 @@ def _likely_sizes(problem: LeastSquares, here: Quadratic, free: NDArray[np.bool_
 
     That is their probability before the drives, and the normaliser of the deviations' priors. Which
     sizes are probable is found with the effects that are free; there are no other deviations than
-    of size `NO_DEVIATION` with a probability of 1 - `Effect.chance`.
+    of size `NO_DEVIATION` with a probability of 1 - `Effect.prior_probability`.
     """
     names, kept = list(problem.sizes.by_name()), np.flatnonzero(free)
     found, evidence = [], []
-    before = [math.log(1.0 - Effect.chance), *[math.log(Effect.chance / len(SIZES))] * len(SIZES)]
+    acts = Effect.prior_probability
+    before = [math.log(1.0 - acts), *[math.log(acts / len(SIZES))] * len(SIZES)]
     for chosen in product(range(1 + len(SIZES)), repeat=len(names)):
         sizes = {n: (NO_DEVIATION, *SIZES)[i] for n, i in zip(names, chosen, strict=True)}
         prior = sum(before[i] for i in chosen) + problem.sizes.log_normaliser(sizes)

@@ -1,15 +1,15 @@
-"""Progress of an estimation, in steps of about the same time."""
+"""Progress of an estimation: how many of its parts, which take about the same time, are done."""
 
 from tricycle_core.quantities import Progress
 
 
-class Steps:
-    """Counts steps and tells how many are done.
+class Tally:
+    """Counts what is done, and tells it.
 
     Parameters
     ----------
     progress : callable or None
-        Told the numbers of steps done and in all.
+        Told the numbers of parts done and in all.
     total : int
         Number in all.
     """
@@ -18,11 +18,11 @@ class Steps:
         self._progress, self._total, self._done = progress, total, 0
 
     def __call__(self) -> None:
-        """Count one step."""
+        """Count one part."""
         self.pass_to(self._done + 1)
 
     def pass_to(self, done: int) -> None:
-        """Count all steps up to one: what they belong to has ended, perhaps early.
+        """Count all parts up to one: what they belong to has ended, perhaps early.
 
         Parameters
         ----------
