@@ -22,7 +22,6 @@ from parameter_identification.estimation.interval_correction import (
 )
 from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.population import Population, population
-from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.vehicle_fit import (
     VehicleCost,
@@ -183,10 +182,9 @@ class FleetFit:
         k = len(self.fits[0].setting.vehicle.unknown)
         vehicles = []
         for fit in self.fits:
-            here, before = fit.quadratic, fit.variables.information.copy()
+            before = fit.variables.information.copy()
             before[k:] = 0.0
-            gradient = here.gradient - before @ (here.at - fit.variables.mean)
-            vehicles.append(Quadratic(here.at, here.cost, gradient, here.information - before))
+            vehicles.append(fit.quadratic.with_prior(fit.variables.mean, -before))
         _, factors = few_drives_factors(vehicles, k, np.ones(k), level, without=None)
         return factors[list(self.common)]
 

@@ -102,13 +102,10 @@ def _alone(fit: VehicleFit, drives: Sequence[Quadratic], k: int) -> Iterator[Qua
     variables = fit.variables
     c = variables.common
     acting = np.flatnonzero((fit.at[:c] != 0.0) | (np.arange(c) < k))
-    block = np.ix_(acting, acting)
     prior = variables.information[:c, :c].copy()
     prior[:k], prior[:, :k] = 0.0, 0.0
     for drive in drives:
-        gradient = drive.gradient + prior @ (drive.at - variables.mean[:c])
-        information = drive.information + prior
-        yield Quadratic(drive.at[acting], drive.cost, gradient[acting], information[block])
+        yield drive.with_prior(variables.mean[:c], prior).of(acting)
 
 
 def _where_missed(fit: VehicleFit, drives: Sequence[Quadratic], k: int) -> FloatArray | None:

@@ -57,3 +57,19 @@ def test_damping_shortens_the_step(quadratic):
     plain, damped = (quadratic.step(-far, far, damping=d) for d in (0.0, 100.0))
     assert np.linalg.norm(damped) < 0.5 * np.linalg.norm(plain)
     assert 0.0 < quadratic.decrease(damped) < quadratic.decrease(plain)
+
+
+def test_a_prior_and_variables_that_are_held_change_the_cost_as_its_residuals_would():
+    rng = np.random.default_rng(1)
+    J, r, at, mean = rng.normal(size=(7, 3)), rng.normal(size=7), rng.normal(size=3), np.ones(2)
+    root = rng.normal(size=(2, 2))
+    columns = np.column_stack([J, r])
+    more = np.column_stack([root, np.zeros(2), root @ (at[:2] - mean)])
+    both = np.vstack([columns, more])
+    found = Quadratic.of_gram(at, columns.T @ columns).with_prior(mean, root.T @ root)
+    expected = Quadratic.of_gram(at, both.T @ both)
+    for name in ("cost", "gradient", "information"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name))
+    some = both[:, [0, 2, 3]]
+    held = Quadratic.of_gram(at[[0, 2]], some.T @ some)
+    np.testing.assert_allclose(found.of(np.array([0, 2])).minimum(), held.minimum())

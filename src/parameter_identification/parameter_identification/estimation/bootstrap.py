@@ -72,7 +72,7 @@ def bootstrap_deviations(
             for drive in redraw(parameters, problem.noise, np.random.default_rng([seed, repeat]))
         ]
         with LeastSquares(models, problem.mean, problem.information, loss) as again:
-            start = np.append(at[: problem.k], np.zeros(again.n - problem.k))
+            start = again.variables.beginning(at[: problem.k])
             # the drives were redrawn with these parameters
             again.set_weights(problem.noise, problem.sizes.by_name(), start)
             # without the range, which would cut errors off

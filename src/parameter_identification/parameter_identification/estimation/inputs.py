@@ -157,7 +157,7 @@ def speed_misfits(
     prior = box_prior(vehicle, None)
     with LeastSquares(models, prior.mean, prior.information, Loss.SQUARED) as problem:
         problem.noise = {Sensor.WHEEL_SPEED: problem.noise[Sensor.WHEEL_SPEED]}
-        start = np.append(problem.mean, np.zeros(problem.n - problem.k))
+        start = problem.variables.beginning(problem.mean)
         predictions = problem.predictions(problem.minimise(start).at)
     found = []
     for drive, own in zip(drives, predictions, strict=True):

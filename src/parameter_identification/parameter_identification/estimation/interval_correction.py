@@ -210,10 +210,7 @@ def few_drives_factors(
     """
     ranges, estimates, variances = BoxPrior.uniform(k), [], []
     for drive in drives:
-        information, gradient = drive.information.copy(), drive.gradient.copy()
-        information[:k, :k] += ranges.information
-        gradient[:k] += ranges.information @ (drive.at[:k] - ranges.mean)
-        alone = Quadratic(drive.at, drive.cost, gradient, information)
+        alone = drive.with_prior(ranges.mean, ranges.information)
         estimates.append(alone.minimum()[:k])
         variances.append(np.diag(alone.covariance())[:k])
     ratio, factors = heterogeneity_factors(np.array(estimates), np.array(variances), level, trend)
@@ -300,9 +297,7 @@ def pulled_effects(
         By nuisance that acts.
     """
     acts = np.flatnonzero((at != 0.0) | (np.arange(len(at)) < k))
-    own = Quadratic(
-        here.at[acts], here.cost, here.gradient[acts], here.information[np.ix_(acts, acts)]
-    )
+    own = here.of(acts)
     std = np.sqrt(np.diag(own.covariance()))
     return beyond_ranges(at[acts], own.minimum(), std, low[acts], high[acts])[k:]
 

@@ -67,7 +67,7 @@ def find_optimum(
     count : callable
         Called after each of at most `counts_to_optimum`.
     """
-    candidates = [np.append(z, np.zeros(problem.n - problem.k)) for z in near or ()]
+    candidates = [problem.variables.beginning(z) for z in near or ()]
     candidates = candidates or problem.candidates(starts, seed)
     fits = []
     for start in candidates:

@@ -218,9 +218,7 @@ class LeastSquares(Closing):
         for gram, at in zip(
             self._grams(self.predictions(v), self.noise), self.variables.of_drives, strict=True
         ):
-            own = at[free[at]]
-            places = np.append(own, self.n)
-            yield Quadratic.of_gram(v[own], (gram + prior)[np.ix_(places, places)])
+            yield Quadratic.of_gram(v, gram + prior).of(at[free[at]])
 
     def by_the_others(
         self, v: FloatArray, free: NDArray[np.bool_]
@@ -253,8 +251,7 @@ class LeastSquares(Closing):
             of_own = np.append(own, self.n)
             gram[np.ix_(own, of_own)] += prior[np.ix_(own, of_own)]
             gram[-1, own] = gram[own, -1]
-            place = np.append(at, self.n)
-            alone = Quadratic.of_gram(v[at], gram[np.ix_(place, place)])
+            alone = Quadratic.of_gram(v, gram).of(at)
             yield v - covariance @ rest[:-1, -1], covariance, alone
 
     def common_information(self) -> FloatArray:
@@ -323,7 +320,7 @@ class LeastSquares(Closing):
         white = {sensor: level.white for sensor, level in self.noise.items()}
         misfit = sum((model.misfits(Z, white) for model in self.models), np.zeros(len(Z)))
         best = Z[np.argsort(misfit)[:count]]
-        return [np.concatenate([z, np.zeros(self.n - self.k)]) for z in best]
+        return [self.variables.beginning(z) for z in best]
 
     def minimise(
         self, start: FloatArray, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01

@@ -46,6 +46,35 @@ class Quadratic:
         """
         return cls(at, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1])
 
+    def of(self, places: NDArray[np.int64] | NDArray[np.bool_]) -> Quadratic:
+        """Return the cost by some of the variables, the others held.
+
+        Parameters
+        ----------
+        places : ndarray of int, shape (m,), or of bool, shape (n,)
+            Which variables they are.
+        """
+        block = self.information[np.ix_(places, places)]
+        return Quadratic(self.at[places], self.cost, self.gradient[places], block)
+
+    def with_prior(self, mean: FloatArray, information: FloatArray) -> Quadratic:
+        """Return the cost with that of a prior of the first k variables.
+
+        Parameters
+        ----------
+        mean : ndarray of float, shape (k,)
+            Mean of the prior.
+        information : ndarray of float, shape (k, k)
+            Inverse covariance of the prior; less 0 where one is taken out of the cost.
+        """
+        k = len(mean)
+        off = self.at[:k] - mean
+        pull = information @ off
+        gradient, whole = self.gradient.copy(), self.information.copy()
+        gradient[:k] += pull
+        whole[:k, :k] += information
+        return Quadratic(self.at, self.cost + float(off @ pull), gradient, whole)
+
     @property
     def finite(self) -> bool:
         """Whether cost, gradient and information are finite."""

@@ -300,7 +300,7 @@ def predict_held_out(
         rms = []
         unaffected = np.zeros(model.shared)
         for shown in (np.append(model.nominal, unaffected), optimum.fit.at[:known]):
-            fit = alone.minimise(np.append(shown, np.zeros(alone.n - known)), free)
+            fit = alone.minimise(alone.variables.beginning(shown), free)
             alone.weigh(fit.at)
             fit = alone.minimise(fit.at, free)
             (predictions,) = alone.predictions(fit.at)

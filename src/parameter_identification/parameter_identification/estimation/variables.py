@@ -94,6 +94,16 @@ class ProblemVariables:
         """
         return self.of_drives[drive][self.k :]
 
+    def beginning(self, first: FloatArray) -> FloatArray:
+        """Return variables (n,) that begin with some, the others 0.
+
+        Parameters
+        ----------
+        first : ndarray of float
+            The first variables: parameters, and perhaps nuisances in common.
+        """
+        return np.append(first, np.zeros(self.n - len(first)))
+
     @property
     def of_deviations(self) -> NDArray[np.bool_]:
         """True for variables (n,) of deviations."""
