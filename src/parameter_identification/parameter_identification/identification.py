@@ -170,16 +170,7 @@ def identify(
         Inputs or a loss of another name.
     """
     begun = time.perf_counter()
-    if isinstance(drives, MeasuredDrive):
-        raise IdentificationError("drives: a list of drives is needed, as [drive]")
-    if isinstance(held_out, MeasuredDrive):
-        raise IdentificationError("held_out: a list of drives is needed, as [drive]")
-    if isinstance(effects, str):
-        raise IdentificationError(f"effects: a list of names is needed, as [{effects!r}]")
-    if not drives:
-        raise IdentificationError("no drive: nothing to identify from")
-    if starts < 1:
-        raise IdentificationError(f"starts = {starts}: must be 1 or more")
+    _check_arguments(drives, held_out, effects, starts)
     check_level(level)
     inputs, loss = Inputs(inputs), Loss(loss)
     asked = restrict(vehicle, tuple(vehicle.unknown) if parameters is None else parameters)
@@ -244,12 +235,9 @@ def identify(
         )
         curves: dict[int, ProfileCurve] = {}
         if profiles and not correction.beyond.any() and not correction.scatter > 1.0:
-            curves = _curves(problem, optimum, shown, level, tally)
+            optimum, curves = _profiled(problem, optimum, shown, level, tally)
         tally.pass_to(to_end)
         k, model = problem.k, problem.models[0]
-        if lower := [curve.lower for curve in curves.values() if curve.lower is not None]:
-            lowest = min(lower, key=lambda fit: fit.cost)
-            optimum = replace(optimum, rivals=(*optimum.rivals, lowest.at[:k]))
         optimum = replace(optimum, covariance=correction.covariance)
         estimates = estimates_of(
             vehicle=known,
@@ -290,6 +278,24 @@ def identify(
         ).only(asked.unknown)
 
 
+def _check_arguments(
+    drives: Sequence[MeasuredDrive],
+    held_out: Sequence[MeasuredDrive],
+    effects: Sequence[str],
+    starts: int,
+) -> None:
+    """Refuse one item where a list is needed, and less than what can be identified from."""
+    for name, given in (("drives", drives), ("held_out", held_out)):
+        if isinstance(given, MeasuredDrive):
+            raise IdentificationError(f"{name}: a list of drives is needed, as [drive]")
+    if isinstance(effects, str):
+        raise IdentificationError(f"effects: a list of names is needed, as [{effects!r}]")
+    if not drives:
+        raise IdentificationError("no drive: nothing to identify from")
+    if starts < 1:
+        raise IdentificationError(f"starts = {starts}: must be 1 or more")
+
+
 def _measured(
     drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs, simulator: Simulator
 ) -> frozenset[Input]:
@@ -301,12 +307,15 @@ def _measured(
     return frozenset()
 
 
-def _curves(
+def _profiled(
     problem: LeastSquares, optimum: Optimum, shown: Sequence[int], level: float, tally: Tally
-) -> dict[int, ProfileCurve]:
-    """Profile likelihoods of some parameters, by number."""
+) -> tuple[Optimum, dict[int, ProfileCurve]]:
+    """The profile likelihood of some parameters, by number; the lowest point met is a rival."""
     curves = {}
     for i in shown:
         curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
         tally()
-    return curves
+    if lower := [curve.lower for curve in curves.values() if curve.lower is not None]:
+        lowest = min(lower, key=lambda fit: fit.cost)
+        optimum = replace(optimum, rivals=(*optimum.rivals, lowest.at[: problem.k]))
+    return optimum, curves
