@@ -114,7 +114,6 @@ def _where_missed(fit: VehicleFit, drives: Sequence[Quadratic], k: int) -> Float
     effect = np.zeros(len(at), dtype=bool)
     effect[k:c] = True
     free = ~at_bounds(at, variables.low, variables.high) & ~(effect & (at == 0.0))
-    kept = np.flatnonzero(free)
     designs = [variables.of_drive(since) for since in fit.since]
     informations = np.array([d.T @ q.information @ d for d, q in zip(designs, drives, strict=True)])
     gradients = np.array([d.T @ q.gradient for d, q in zip(designs, drives, strict=True)])
@@ -124,8 +123,7 @@ def _where_missed(fit: VehicleFit, drives: Sequence[Quadratic], k: int) -> Float
         # summed without this drive: a difference loses the prior where the drive tells far more
         information = variables.information + np.delete(informations, i, axis=0).sum(axis=0)
         gradient = before + np.delete(gradients, i, axis=0).sum(axis=0)
-        covariance = np.zeros((len(at), len(at)))
-        covariance[np.ix_(kept, kept)] = np.linalg.inv(information[np.ix_(kept, kept)])
+        covariance = Quadratic(at, np.nan, gradient, information).covariance(free)
         change = -covariance @ gradient
         found.append(at + change)
         moved = replace(drive, gradient=drive.gradient + drive.information @ (design @ change))

@@ -237,7 +237,6 @@ class LeastSquares(Closing):
         """
         grams, prior = list(self._grams(self.predictions(v), self.noise)), self._prior_gram(v)
         whole = sum(grams, prior)
-        kept = np.flatnonzero(free)
         common = np.ix_([*range(self.shared), self.n], [*range(self.shared), self.n])
         of_common = np.array([gram[common] for gram in grams])
         for drive, (gram, at) in enumerate(zip(grams, self.variables.of_drives, strict=True)):
@@ -246,13 +245,13 @@ class LeastSquares(Closing):
             rest = whole - gram
             rest[common] = prior[common] + np.delete(of_common, drive, axis=0).sum(axis=0)
             rest[own], rest[:, own] = prior[own], prior[:, own]
-            covariance = np.zeros((self.n, self.n))
-            covariance[np.ix_(kept, kept)] = np.linalg.inv(rest[np.ix_(kept, kept)])
+            others = Quadratic.of_gram(v, rest)
+            covariance = others.covariance(free)
             of_own = np.append(own, self.n)
             gram[np.ix_(own, of_own)] += prior[np.ix_(own, of_own)]
             gram[-1, own] = gram[own, -1]
             alone = Quadratic.of_gram(v, gram).of(at)
-            yield v - covariance @ rest[:-1, -1], covariance, alone
+            yield v - covariance @ others.gradient, covariance, alone
 
     def common_information(self) -> FloatArray:
         """Return the inverse covariance (n, n) of the priors of what all drives have in common."""

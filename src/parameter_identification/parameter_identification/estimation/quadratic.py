@@ -91,9 +91,19 @@ class Quadratic:
         """Cost of variables that are all 0."""
         return self.cost + float((self.rhs - self.gradient) @ self.at)
 
-    def covariance(self) -> FloatArray:
-        """Return the inverse of the information, shape (n, n)."""
-        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+    def covariance(self, free: NDArray[np.bool_] | None = None) -> FloatArray:
+        """Return the inverse of the information, shape (n, n).
+
+        Parameters
+        ----------
+        free : ndarray of bool, shape (n,), optional
+            Variables that are not held; the others have no variance. Default: all.
+        """
+        if free is None:
+            return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+        found, block = np.zeros_like(self.information), np.ix_(free, free)
+        found[block] = np.linalg.inv(self.information[block])
+        return found
 
     def minimum(self) -> FloatArray:
         """Return the point (n,) of the least cost, without bounds."""

@@ -83,10 +83,7 @@ def weigh_effects(
     best = ends[int(np.argmax(evidence))]
     problem.set_weights(best.noise, best.sizes, best.fit.at)
     average = joined([end.average for end in ends], evidence)
-    of_fit, variables = np.flatnonzero(best.free), effects.variables
-    covariance = np.zeros((problem.n, problem.n))
-    information = best.near.information[np.ix_(of_fit, of_fit)]
-    covariance[np.ix_(of_fit, of_fit)] = np.linalg.inv(information)
+    variables, covariance = effects.variables, best.near.covariance(best.free)
     covariance[np.ix_(variables, variables)] = average.covariance(best.fit.at[variables])
     deviations = _mean([end.deviations for end in ends], np.exp(evidence - average.evidence))
     probable = effects.probabilities(average) | deviations
