@@ -26,7 +26,7 @@ class Smooth:
         Smoothing spline of the values over time [s].
     white : float
         Standard deviation of the noise of a sample, in the unit of the values.
-    step : float
+    spacing : float
         Between samples [s].
     cutoff : float
         Frequency [Hz] of an oscillation of which each of the `TIMES` fits passes half.
@@ -34,20 +34,20 @@ class Smooth:
 
     spline: Any
     white: float
-    step: float
+    spacing: float
     cutoff: float
 
     @property
     def value_std(self) -> float:
         """Standard deviation of a value: noise that is left, and as much taken off the motion."""
         rate = 2.0 * math.pi * self.cutoff
-        return self.white * math.sqrt(2.0 * self.step * rate * VALUE / math.pi)
+        return self.white * math.sqrt(2.0 * self.spacing * rate * VALUE / math.pi)
 
     @property
     def slope_std(self) -> float:
         """Standard deviation of a derivative by time, likewise."""
         rate = 2.0 * math.pi * self.cutoff
-        return self.white * math.sqrt(2.0 * self.step * rate**3 * SLOPE / math.pi)
+        return self.white * math.sqrt(2.0 * self.spacing * rate**3 * SLOPE / math.pi)
 
 
 def smooth(time: FloatArray, values: FloatArray) -> Smooth:
@@ -73,11 +73,11 @@ def smooth(time: FloatArray, values: FloatArray) -> Smooth:
     middle = int(np.searchsorted(changes, 0.5 * changes[-1]))
     begin = max(0, min(middle - MOST // 2, len(time) - MOST))
     t, v = time[begin : begin + MOST], values[begin : begin + MOST]
-    step = float(np.median(np.diff(time)))
+    spacing = float(np.median(np.diff(time)))
 
     def penalty(cutoff: float) -> float:
         """Penalty of the second derivative; for every other sample it is half of that."""
-        return float(1.0 / (step * (2.0 * math.pi * cutoff) ** 4))
+        return float(1.0 / (spacing * (2.0 * math.pi * cutoff) ** 4))
 
     def error(cutoff: float) -> float:
         """Mean error of samples that were left out."""
@@ -90,7 +90,7 @@ def smooth(time: FloatArray, values: FloatArray) -> Smooth:
 
     cutoff = min(CUTOFFS.tolist(), key=error)
     spline = _spline(time, values, penalty(cutoff))
-    return Smooth(spline, error(cutoff) * math.sqrt(0.5 * math.pi), step, cutoff)
+    return Smooth(spline, error(cutoff) * math.sqrt(0.5 * math.pi), spacing, cutoff)
 
 
 def _spline(time: FloatArray, values: FloatArray, penalty: float) -> Any:

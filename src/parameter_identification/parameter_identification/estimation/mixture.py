@@ -259,9 +259,9 @@ def _evidence(
     while g >= 0:
         if g == count:
             value = logarithms[g] - 0.5 * without[g, -1, -1]
-            for v in bounded:
-                if swept[g, v]:
-                    value = _with_bound(value, without[g], v, least[v])
+            for i in bounded:
+                if swept[g, i]:
+                    value = _with_bound(value, without[g], i, least[i])
             if number == len(found):
                 subsets = np.concatenate((subsets, subsets))
                 found = np.concatenate((found, found))

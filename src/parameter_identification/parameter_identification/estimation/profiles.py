@@ -16,7 +16,7 @@ from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.problem import LeastSquares
 from tricycle_core.quantities import FloatArray
 
-STEPS = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
+DISTANCES = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
 TOLERANCE = 0.1  # of the cost; the interval's level is some 4
 
 
@@ -70,8 +70,8 @@ def profile(
     sides, lowest = {}, best
     for sign, bound in ((-1, 0.0), (1, 1.0)):
         z, rise = [float(best.at[i])], [0.0]
-        for step in STEPS:
-            at = float(np.clip(best.at[i] + sign * step * std, 0.0, 1.0))
+        for distance in DISTANCES:
+            at = float(np.clip(best.at[i] + sign * distance * std, 0.0, 1.0))
             if at == z[-1]:
                 break
             start = best.at + inverse[:, i] / inverse[i, i] * (at - best.at[i])
