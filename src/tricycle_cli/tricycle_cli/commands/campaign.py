@@ -123,7 +123,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "looks once a second of wall time, so a simulation should not be much faster",
     )
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
-    add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
+    add(
+        "--budget",
+        type=int,
+        default=CampaignRequest.budget,
+        help="largest number of simulations of the search, per plan and family",
+    )
     add("--seed", type=at_least(0), default=0, help="of the plans")
     add_noise_options(parser, {"": SIMULATED, "with --vehicle-nodes ": MeasurementNoise()})
     add("--true-seed", type=at_least(0), help="of the simulation's hidden true parameters")
