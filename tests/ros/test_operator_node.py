@@ -141,6 +141,7 @@ class Interrupted:
 
     def __init__(self, *numbers):
         self.numbers, self.called, self.slept = list(numbers), [], []
+        self.rests = False  # after a run that is over: the driver refuses to abort
         operator = self.operator = Operator.__new__(Operator)
         operator._held, operator._deaf = None, False
         operator._simulated, operator._patience = False, 60.0
@@ -159,14 +160,16 @@ class Interrupted:
     def call(self, service, *_):
         self.operator._spin()
         self.called.append(service.rpartition("_")[2])
-        return SimpleNamespace(success=True, message="")
+        success = service != "maneuver_driver/abort" or not self.rests
+        return SimpleNamespace(success=success, message="")
 
     def sleep(self, duration):
         self.operator._spin()
         self.slept.append(duration)
 
     def drive(self):
-        with self.operator._recording("bag"), self.operator._driving("start"):
+        with self.operator._recording("bag"), self.operator._driving():
+            self.operator._trigger("maneuver_driver/start")
             self.operator._spin()
 
 
@@ -187,6 +190,18 @@ def test_a_second_signal_cancels_neither_the_abort_nor_what_is_recorded_of_it(se
         interrupted.drive()
     assert interrupted.called == CALLED
     assert interrupted.slept == [LONGEST_STOP]
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+@pytest.mark.parametrize("rests", [False, True])
+def test_a_signal_while_the_vehicle_rolls_out_stops_it(rests):
+    interrupted = Interrupted(None, None, None, signal.SIGINT)
+    interrupted.rests = rests
+    interrupted.operator._state = ManeuverState(PlaybackState.DONE, "mine")
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert interrupted.called == CALLED
+    assert interrupted.slept == ([] if rests else [LONGEST_STOP])
 
 
 @pytest.mark.usefixtures("_ending_signals_interrupt")

@@ -257,17 +257,23 @@ def running_session(
 
         yield drive
         if back is not None and driven:
-            _go_back(operator.go_back, back / driven[-1])
+            service = f"{namespace}/maneuver_driver/go_back".lstrip("/")
+            _go_back(operator.go_back, back / driven[-1], f"/{service}")
 
 
-def _go_back(go_back: Callable[[Path], None], bag: Path) -> None:
-    """Drive the last way back; that of a campaign's drive which is driven again is replaced."""
+def _go_back(go_back: Callable[[Path], None], bag: Path, service: str = "") -> None:
+    """Drive the last way back; that of a campaign's drive which is driven again is replaced.
+
+    `service` drives it once more, where nodes are left that have it.
+    """
     shutil.rmtree(bag, ignore_errors=True)
     bag.parent.mkdir(parents=True, exist_ok=True)
     try:
         go_back(bag.absolute())
     except NodeError as error:
-        raise NodeError(f"{error}; all drives are recorded") from error
+        again = f"ros2 service call {service} std_srvs/srv/Trigger"
+        advice = f"; to try again, arm the vehicle and give: {again}" if service else ""
+        raise NodeError(f"{error}; all drives are recorded{advice}") from error
 
 
 def _wait_for_enter(
