@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from nav_msgs.msg import Odometry
 from rclpy.task import Future
 
 from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP
@@ -89,6 +90,22 @@ def test_nodes_that_do_not_run_are_waited_for_aloud_and_with_the_domain(
     with operator, pytest.raises(NodeError, match=message):
         operator.publishers("vehicle/state")
     assert "waits for a publisher of vehicle/state" in capfd.readouterr().err
+
+
+def test_poses_that_nobody_publishes_are_noticed_before_a_drive(
+    ros_environment, ros_node, monkeypatch
+):
+    monkeypatch.setattr(operator_node, "SILENCE_TIMEOUT", 5.0)
+    ros_node.create_publisher(Odometry, "/a/odom", 1)
+    ros_node.create_subscription(Odometry, "/heard", lambda _: None, 1)
+    domain = int(ros_environment["ROS_DOMAIN_ID"])
+    with Operator(domain=domain, check=lambda: None, simulated=False) as operator:
+        operator.wait_for_poses("odom")
+        operator.wait_for_poses("/a/odom")
+        monkeypatch.setattr(operator_node, "SILENCE_TIMEOUT", 0.3)
+        for topic in ("/odom", "heard"):
+            with pytest.raises(NodeError, match=f"a publisher of poses on {topic}: .* --pose"):
+                operator.wait_for_poses(topic)
 
 
 def test_a_countdown_is_followed_however_long_the_state_says_the_same():

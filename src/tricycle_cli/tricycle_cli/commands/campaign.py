@@ -194,7 +194,7 @@ def run(args: argparse.Namespace) -> int:
         _identify(campaign, console)
     try:
         if not campaign.finished:
-            with _session(args, len(campaign.steps)) as drive:
+            with _session(args, campaign) as drive:
                 while not campaign.finished:
                     _drive(campaign, drive, console, stop_early=args.stop_early)
                     _identify(campaign, console)
@@ -267,7 +267,7 @@ def _share(text: str) -> float:
 
 
 @contextlib.contextmanager
-def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
+def _session(args: argparse.Namespace, campaign: Campaign) -> Iterator[DrivePlan]:
     """Nodes to drive on: those of a simulation, started for this, or those of the vehicle.
 
     The noise of a simulation depends on the number of drives before, which it must not repeat.
@@ -278,7 +278,7 @@ def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
         with simulated_session(
             vehicle_file=args.vehicle,
             true_seed=args.true_seed or 0,
-            noise_seed=driven,
+            noise_seed=len(campaign.steps),
             real_time_factor=10.0 if args.real_time_factor is None else args.real_time_factor,
             folder=args.output / "session",
             back=_way_back(args),
@@ -286,7 +286,9 @@ def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
         ) as drive:
             yield drive
         return
-    with running_session(load_vehicle(args.vehicle), ask=True, back=_way_back(args)) as drive:
+    with running_session(
+        campaign.request.vehicle, ask=True, back=_way_back(args), pose=campaign.topics.pose
+    ) as drive:
         yield drive
 
 

@@ -404,6 +404,28 @@ class Operator(Closing):
         self._wait(anybody, f"a publisher of {topic}: {where}")
         return found
 
+    def wait_for_poses(self, topic: str) -> None:
+        """Wait until a node publishes the poses that a bag is to be read by.
+
+        Parameters
+        ----------
+        topic : str
+            Name or end of the name, as in `TopicNames`.
+
+        Raises
+        ------
+        NodeError
+            If no node does.
+        """
+        self._patience = SILENCE_TIMEOUT  # it runs already, or never will
+
+        def published() -> bool:
+            known = [name for name, _ in self._node.get_topic_names_and_types()]
+            alike = [name for name in known if name == topic or name.endswith(f"/{topic}")]
+            return any(self._node.count_publishers(name) for name in alike)
+
+        self._wait(published, f"a publisher of poses on {topic}: name their topic with --pose")
+
     def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any]:
         """Return parameters of a node by name; one that is not set is missing.
 

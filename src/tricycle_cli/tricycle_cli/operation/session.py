@@ -202,7 +202,12 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 @contextmanager
 def running_session(
-    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False, back: Path | None = None
+    vehicle: Vehicle | None,
+    namespace: str = "",
+    *,
+    ask: bool = False,
+    back: Path | None = None,
+    pose: str = "",
 ) -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
@@ -217,6 +222,8 @@ def running_session(
     back : Path, optional
         Makes the vehicle drive to the start of each drive by itself, and back at the end: the
         folder for the bag of this last way. Without an area somebody puts it at the first start.
+    pose : str
+        Topic of the poses by which the bags are read; empty: they are not read.
 
     Yields
     ------
@@ -228,7 +235,7 @@ def running_session(
     VehicleError
         If the bridge is another vehicle's.
     NodeError
-        If there is no domain ROS_DOMAIN_ID, or a node does not answer.
+        If there is no domain ROS_DOMAIN_ID, a node does not answer, or none publishes the poses.
     """
     from tricycle_cli.operation.operator_node import Operator
 
@@ -239,7 +246,8 @@ def running_session(
         # another node than the bridge may say that the vehicle is ready; it has no such parameters
         if vehicle is not None and "tricycle_bridge" in operator.publishers(TOPIC):
             check_bridge(vehicle, operator.parameters("tricycle_bridge", IDENTIFYING))
-
+        if pose:
+            operator.wait_for_poses(pose)
         driven: list[str] = []  # names of the bags
 
         def drive(plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None) -> None:
