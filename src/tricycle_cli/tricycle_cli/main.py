@@ -125,6 +125,14 @@ def _module(name: str) -> ModuleType:
     return import_module(f"tricycle_cli.commands.{name}{'_' if iskeyword(name) else ''}")
 
 
+class _OnStderr(logging.Handler):
+    """Says what is logged on the present `sys.stderr`: while a bar is shown, in a line above it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print the record."""
+        print(self.format(record), file=sys.stderr)
+
+
 class _Completion(argparse.Action):
     """Prints the completion of a shell, and ends."""
 
@@ -161,7 +169,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
     words = sys.argv[1:] if argv is None else list(argv)
-    logging.basicConfig(format="%(message)s")
+    logging.basicConfig(format="%(message)s", handlers=[_OnStderr()])
     logging.getLogger("tricycle_sim").setLevel(logging.INFO)  # says when it compiles the vehicle
     # these end a run as Ctrl-C does, in order: a service manager's, and that of a lost terminal
     for ends in (signal.SIGTERM, signal.SIGHUP):
