@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from nav_msgs.msg import Odometry
 from rclpy.task import Future
 
 from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP
@@ -91,6 +92,22 @@ def test_nodes_that_do_not_run_are_waited_for_aloud_and_with_the_domain(
     assert "waits for a publisher of vehicle/state" in capfd.readouterr().err
 
 
+def test_poses_that_nobody_publishes_are_noticed_before_a_drive(
+    ros_environment, ros_node, monkeypatch
+):
+    monkeypatch.setattr(operator_node, "SILENCE_TIMEOUT", 5.0)
+    ros_node.create_publisher(Odometry, "/a/odom", 1)
+    ros_node.create_subscription(Odometry, "/heard", lambda _: None, 1)
+    domain = int(ros_environment["ROS_DOMAIN_ID"])
+    with Operator(domain=domain, check=lambda: None, simulated=False) as operator:
+        operator.wait_for_poses("odom")
+        operator.wait_for_poses("/a/odom")
+        monkeypatch.setattr(operator_node, "SILENCE_TIMEOUT", 0.3)
+        for topic in ("/odom", "heard"):
+            with pytest.raises(NodeError, match=f"a publisher of poses on {topic}: .* --pose"):
+                operator.wait_for_poses(topic)
+
+
 def test_a_countdown_is_followed_however_long_the_state_says_the_same():
     said = [PlaybackState.STARTING] * 60 + [PlaybackState.RUNNING, PlaybackState.DONE]
     operator = Operator.__new__(Operator)
@@ -141,6 +158,7 @@ class Interrupted:
 
     def __init__(self, *numbers):
         self.numbers, self.called, self.slept = list(numbers), [], []
+        self.rests = False  # after a run that is over: the driver refuses to abort
         operator = self.operator = Operator.__new__(Operator)
         operator._held, operator._deaf = None, False
         operator._simulated, operator._patience = False, 60.0
@@ -159,14 +177,16 @@ class Interrupted:
     def call(self, service, *_):
         self.operator._spin()
         self.called.append(service.rpartition("_")[2])
-        return SimpleNamespace(success=True, message="")
+        success = service != "maneuver_driver/abort" or not self.rests
+        return SimpleNamespace(success=success, message="")
 
     def sleep(self, duration):
         self.operator._spin()
         self.slept.append(duration)
 
     def drive(self):
-        with self.operator._recording("bag"), self.operator._driving("start"):
+        with self.operator._recording("bag"), self.operator._driving():
+            self.operator._trigger("maneuver_driver/start")
             self.operator._spin()
 
 
@@ -187,6 +207,18 @@ def test_a_second_signal_cancels_neither_the_abort_nor_what_is_recorded_of_it(se
         interrupted.drive()
     assert interrupted.called == CALLED
     assert interrupted.slept == [LONGEST_STOP]
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+@pytest.mark.parametrize("rests", [False, True])
+def test_a_signal_while_the_vehicle_rolls_out_stops_it(rests):
+    interrupted = Interrupted(None, None, None, signal.SIGINT)
+    interrupted.rests = rests
+    interrupted.operator._state = ManeuverState(PlaybackState.DONE, "mine")
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert interrupted.called == CALLED
+    assert interrupted.slept == ([] if rests else [LONGEST_STOP])
 
 
 @pytest.mark.usefixtures("_ending_signals_interrupt")

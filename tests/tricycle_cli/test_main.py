@@ -206,6 +206,28 @@ def test_files_are_written_though_nobody_reads_what_is_printed(record_drive, tmp
     assert list((tmp_path / "out").iterdir())
 
 
+@pytest.mark.parametrize("buffered", [True, False])
+@pytest.mark.parametrize(
+    "line", ["--help", "plan --help", "--version", "judge no-bag", "judge --no-option"]
+)
+def test_a_closed_pipe_ends_a_command_quietly(line, buffered):
+    reader, writer = os.pipe()
+    os.close(reader)
+    code = "import sys; from tricycle_cli.main import main; sys.exit(main())"
+    environment = os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"}
+    mistake = "judge" in line  # told on stderr
+    with os.fdopen(writer) as closed:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *line.split()],
+            stdout=subprocess.PIPE if mistake else closed,
+            stderr=closed if mistake else subprocess.PIPE,
+            text=True,
+            check=False,
+            env=environment,
+        )
+    assert (done.returncode, done.stdout or done.stderr or "") == (141, "")
+
+
 @pytest.mark.parametrize("line", COMMANDS_OF_README)
 def test_the_readme_s_commands_need_no_more_arguments(line):
     arguments = shlex.split(line)

@@ -1,7 +1,9 @@
+import logging
 from contextlib import suppress
 
 import pytest
 
+from tricycle_cli.main import main
 from tricycle_cli.progress import progress_bar
 
 
@@ -16,3 +18,14 @@ def test_a_bar_is_wiped_where_its_work_fails(fails, capsys, monkeypatch):
     assert "working" in shown
     assert ("1/2" if fails else "1/1") in shown  # done, though it might have taken more
     assert shown.endswith("\x1b[1A\x1b[2K") == fails
+
+
+def test_what_is_logged_has_a_line_of_its_own_above_the_bar(capsys, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(logging.root, "handlers", [])
+    assert main(["judge", "no-bag"]) == 2  # sets the logging up
+    capsys.readouterr()
+    with progress_bar("working"):
+        logging.getLogger("tricycle_sim").warning("compiling")
+    assert "\x1b[2Kcompiling\n" in capsys.readouterr().err

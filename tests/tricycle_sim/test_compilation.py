@@ -39,7 +39,7 @@ def test_compiled_code_is_kept_in_the_folder_that_was_named(tmp_path):
     processes = [start(tmp_path) for _ in range(2)]
     outputs = [process.communicate(timeout=120)[0] for process in processes]
     assert [process.returncode for process in processes] == [0, 0], outputs
-    assert "compiling the vehicle model for this machine" in "".join(outputs)
+    assert "compiling the vehicle model for this command" in "".join(outputs)
     assert list(tmp_path.rglob("*.nbc"))
     output, _ = start(tmp_path).communicate(timeout=120)
     assert "compiling" not in output

@@ -150,7 +150,7 @@ class Plan:
     leave_one_out_q2 : float
         Leave-one-out Q² of the Kriging model of TE.
     simulations : int
-        Simulations that the planning took.
+        Simulations that the planning took: the search, the indices and the prediction.
     seconds : float
         Time that the planning took [s].
     seed : int

@@ -110,7 +110,7 @@ class ExcitationPlanner(Node):
         setting("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
         setting("effects", "none", "counted as not known either: all, or names with commas")
         setting("samples", 100, "for criterion h: simulations per maneuver", (1, 1e6))
-        setting("budget", 12_000, "largest number of simulations", (1, 1e9))
+        setting("budget", 12_000, "largest number of simulations of the search", (1, 1e9))
         setting("seed", 0, "same seed, same plan", (0, 2**31 - 1))
         for name, (unit, text) in NOISE_FIELDS.items():
             setting(name, getattr(MeasurementNoise, name), f"{unit}, {text}", (0, 1e4))

@@ -111,6 +111,10 @@ class _Parser(argparse.ArgumentParser):
             )
         super()._check_value(action, value)
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print at once, and let `main` know of a failure: argparse would pass over it."""
+        print(message, end="", file=file, flush=True)
+
     def error(self, message: str) -> NoReturn:
         """End with one line in place of all options."""
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
@@ -119,6 +123,14 @@ class _Parser(argparse.ArgumentParser):
 def _module(name: str) -> ModuleType:
     """Module of a subcommand; one that is called as a keyword has a line behind its name."""
     return import_module(f"tricycle_cli.commands.{name}{'_' if iskeyword(name) else ''}")
+
+
+class _OnStderr(logging.Handler):
+    """Says what is logged on the present `sys.stderr`: while a bar is shown, in a line above it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print the record."""
+        print(self.format(record), file=sys.stderr)
 
 
 class _Completion(argparse.Action):
@@ -132,7 +144,7 @@ class _Completion(argparse.Action):
             command = argparse.ArgumentParser()
             _module(name).add_arguments(command)
             words[name] = words_of(command)
-        print(completion_script(str(shell), words), end="")
+        print(completion_script(str(shell), words), end="", flush=True)
         parser.exit()
 
 
@@ -157,20 +169,32 @@ def main(argv: Sequence[str] | None = None) -> int:
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
     words = sys.argv[1:] if argv is None else list(argv)
-    logging.basicConfig(format="%(message)s")
+    logging.basicConfig(format="%(message)s", handlers=[_OnStderr()])
     logging.getLogger("tricycle_sim").setLevel(logging.INFO)  # says when it compiles the vehicle
     # these end a run as Ctrl-C does, in order: a service manager's, and that of a lost terminal
     for ends in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(ends) is not signal.SIG_IGN:  # nohup
             signal.signal(ends, signal.default_int_handler)
     try:
+        return _run(words)
+    except BrokenPipeError:  # `tricycle … | head`
+        if argv is None:  # what is left to be written would be told as an error at the end
+            for stream in filter(None, (sys.stdout, sys.stderr)):
+                try:
+                    stream.flush()
+                except BrokenPipeError:
+                    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        return PIPE_CLOSED
+
+
+def _run(words: Sequence[str]) -> int:
+    """Run a subcommand, and say in one line what went wrong."""
+    try:
         arguments = parser(COMMANDS.keys() & words).parse_args(words)
         status: int = arguments.run(arguments)
         sys.stdout.flush()
-    except BrokenPipeError:  # `tricycle … | head`
-        if argv is None:  # what is left to be written would be told as an error at the end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return PIPE_CLOSED
+    except BrokenPipeError:
+        raise
     except (KeyboardInterrupt, SystemError, RuntimeError) as error:
         # where Ctrl-C reaches compiled code, or the making of a class before Python 3.12, the
         # interpreter's own error may follow from it

@@ -188,10 +188,8 @@ class _Announcement(event.Listener):
         function = event.data["dispatcher"].py_func
         if not self.said and function.__module__.startswith("tricycle_sim."):
             self.said = True
-            _LOGGER.info(
-                "compiling the vehicle model for this machine, what this command needs of it: "
-                "once, takes about 20 s"
-            )
+            # each command compiles what it needs and was not compiled before
+            _LOGGER.info("compiling the vehicle model for this command: once, takes about 20 s")
 
     def on_end(self, event: event.Event) -> None:
         """Nothing to say."""

@@ -48,6 +48,12 @@ def said(state: PlanarState, the_fence: Fence | None = None, **other: float) -> 
     return (the_fence or fence()).trespass(state, **options)
 
 
+@pytest.mark.parametrize("curvature", [1e308, -101.0])
+def test_a_curvature_that_no_vehicle_has_is_refused(curvature: float) -> None:
+    with pytest.raises(PlanError, match="sharper than any vehicle turns"):
+        replace(fence(), curvature=np.array([0.0, curvature]))
+
+
 def test_who_stands_inside_may_and_who_stands_in_the_margin_may_not() -> None:
     assert said(at(10.4, 10.0)) == ""
     assert said(at(10.7, 10.0)).startswith("fence: 0.20 m out of the area less its margin")

@@ -67,7 +67,8 @@ def test_a_lane_change_for_a_small_yard_is_shorter_and_fits() -> None:
     plan = plan_maneuver(asked, progress=lambda done, total: told.append((done, total)))
     assert told == sorted(told)  # from the first maneuver tried to the last verified
     assert told[0][0] < 0.2 * told[-1][0]
-    assert told[-1] == (plan.simulations, asked.budget)
+    assert told[-1][0] < plan.simulations  # the plan counts its indices and its prediction too
+    assert told[-1][1] == asked.budget
     assert plan.operation["length"] < 16.0
     assert plan.clearance is not None
     assert plan.clearance >= Room(area, plan.footprint, plan.noise.position_std).needed

@@ -15,7 +15,10 @@ from excitation_planner.planning import (
     plan_at,
     plan_maneuver,
     plan_set,
+    planner,
+    prediction,
     random_feasible_point,
+    replay,
 )
 from excitation_planner.planning.replay import nominal_run, replayed_errors
 from tricycle_sim.vehicle import load_vehicle
@@ -75,6 +78,49 @@ def test_a_given_maneuver_has_the_cost_by_its_criterion(request_):
     assert plan.criterion_cost == pytest.approx(
         (plan.predicted_std[plan.target] / (high - low)) ** 2
     )
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    """Numbers of vehicles that the planner has simulated, a list that grows."""
+    counts = []
+
+    def counting(module, name, parameters):
+        simulate = getattr(module, name)
+
+        def counted(*args, **options):
+            counts.append(len(args[parameters]))
+            return simulate(*args, **options)
+
+        monkeypatch.setattr(module, name, counted)
+
+    counting(planner, "replayed_errors", 2)
+    counting(replay, "replayed_errors", 2)
+    counting(prediction, "replayed", 3)
+    return counts
+
+
+@pytest.mark.parametrize("noise", [MeasurementNoise(), MeasurementNoise(noise_std=0.0)])
+def test_a_given_maneuvers_plan_counts_what_was_simulated(request_, simulated, noise):
+    plan = plan_at(dataclasses.replace(request_, noise=noise), np.array([3.0, 0.8]))
+    assert plan.simulations == sum(simulated) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("criterion", [Criterion.C, Criterion.H])
+def test_a_plan_counts_what_was_simulated_after_the_search_too(request_, simulated, criterion):
+    told = []
+    plan = plan_maneuver(
+        dataclasses.replace(
+            request_,
+            criterion=criterion,
+            samples=20,
+            budget=2500,
+            effects=("steering-zero",) if criterion is Criterion.C else (),
+        ),
+        progress=lambda done, budget: told.append(done),
+    )
+    assert plan.simulations == sum(simulated) > told[-1]
 
 
 def test_a_random_point_can_be_driven_and_follows_its_seed(request_):

@@ -77,6 +77,10 @@ def test_where_the_last_way_back_fails_the_drives_are_said_to_be_recorded(tmp_pa
     def aborted(bag):
         raise NodeError(f"way back aborted: {bag.name}")
 
-    with pytest.raises(NodeError, match="way back aborted: bag; all drives are recorded"):
+    recorded = "way back aborted: bag; all drives are recorded"
+    with pytest.raises(NodeError, match=f"{recorded}$"):
         _go_back(aborted, tmp_path / "new" / "bag")
     assert (tmp_path / "new").is_dir()
+    again = "ros2 service call /a/maneuver_driver/go_back std_srvs/srv/Trigger"
+    with pytest.raises(NodeError, match=f"{recorded}; to try again, arm .* give: {again}$"):
+        _go_back(aborted, tmp_path / "new" / "bag", "/a/maneuver_driver/go_back")

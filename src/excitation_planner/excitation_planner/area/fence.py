@@ -41,6 +41,9 @@ MAX_ARCS = 16
 LONGEST_WAY = 200.0
 """Way of a stop beyond which none is predicted [m]: at twice the top speed a pose is 10 s old."""
 
+TIGHTEST = 100.0
+"""Curvature beyond which a message is wrong, whatever the vehicle [1/m]."""
+
 BLOCK = 8
 """Poses on each arc that are checked together, the nearest ones first."""
 
@@ -65,8 +68,8 @@ class Fence:
     Raises
     ------
     PlanError
-        If a polygon has fewer than three finite corners, the footprint crosses itself, or a number
-        is not finite.
+        If a polygon has fewer than three finite corners, the footprint crosses itself, a number is
+        not finite, or no vehicle has such a curvature.
     """
 
     frame: str
@@ -87,6 +90,10 @@ class Fence:
                 raise PlanError(f"{name}: needs polygons of three finite corners or more")
         if not (np.isfinite(self.curvature).all() and np.isfinite(self.start).all()):
             raise PlanError("curvature and start of an area must be finite numbers")
+        if (sharpest := float(np.abs(self.curvature).max(initial=0.0))) > TIGHTEST:
+            raise PlanError(
+                f"curvature: {sharpest:.4g} 1/m, sharper than any vehicle turns ({TIGHTEST:g} 1/m)"
+            )
         if not shapely.is_valid(shapely.polygons(self.footprint)):
             raise PlanError("footprint: crosses itself, or has no area")
         border = np.array([shapely.linearrings(ring) for ring in self.ground])

@@ -24,6 +24,7 @@ from excitation_planner.maneuver import LedInFamily, ManeuverFamily, lead_in_of
 from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.fitting import FittingSearch
 from excitation_planner.planning.prediction import (
+    PREDICTION_DRAWS,
     ReplayedTrajectories,
     nuisance_parameters,
     planned_effects,
@@ -84,7 +85,7 @@ def plan_maneuver(
     executor : Executor, optional
         Executor that runs the simulations; threads of this process by default.
     progress : callable, optional
-        Called with (simulations so far, budget).
+        Called with (simulations of the search so far, budget).
     """
     (plan,) = plan_set(request, executor=executor, progress=progress)
     return plan
@@ -102,7 +103,7 @@ def plan_set(
     executor : Executor, optional
         Executor that runs the simulations; threads of this process by default.
     progress : callable, optional
-        Called with (simulations so far, budget).
+        Called with (simulations of the search so far, budget).
 
     Returns
     -------
@@ -408,7 +409,7 @@ def _plans(
                 predicted_cost=None if design is None else design.predicted_cost,
                 predicted_std=predicted_std,
                 leave_one_out_q2=float(result.leave_one_out_q2),
-                simulations=result.simulations if design is None else design.simulations,
+                simulations=_simulations(request, design, result),
                 seconds=time.monotonic() - began,
                 seed=request.seed,
                 noise=request.noise,
@@ -436,6 +437,16 @@ def _plans(
             )
         )
     return tuple(plans)
+
+
+def _simulations(request: PlanRequest, design: Design | None, indices: Sensitivity) -> int:
+    """Simulations of a maneuver in all: of the search, of the indices of TE, of the prediction."""
+    taken = 0 if design is None else design.simulations
+    if design is None or request.criterion is not Criterion.H:  # else the search gave the indices
+        taken += indices.simulations
+    if request.noise.noise_std > 0.0:
+        taken += PREDICTION_DRAWS * (len(request.vehicle.unknown) + len(_effects(request)) + 1)
+    return taken
 
 
 def on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:

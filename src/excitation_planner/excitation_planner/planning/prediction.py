@@ -49,7 +49,7 @@ BLOCK = 128
 SENSED = ("x", "y", "yaw")
 """Columns of a motion that effects of sensors change."""
 
-DRAWS = 48
+PREDICTION_DRAWS = 48
 """Parameter values over which a prediction is averaged."""
 
 
@@ -215,14 +215,15 @@ def predicted_covariance(
         If more than half of the vehicles drawn roll over.
     """
     k = len(unknown)
-    U = difference_points(k, DRAWS, seed=seed, prior=prior, nuisances=nuisances)
+    U = difference_points(k, PREDICTION_DRAWS, seed=seed, prior=prior, nuisances=nuisances)
     P = simulated_values(unknown, U)
-    F = np.zeros((DRAWS, k + nuisances.shared, k + nuisances.shared))
+    F = np.zeros((PREDICTION_DRAWS, k + nuisances.shared, k + nuisances.shared))
     for f, x in zip(simulators, points, strict=True):
         F += information(U, f(x, P), noise, nuisances)
     F = F[np.isfinite(F).all(axis=(1, 2))]
-    if len(F) < LEAST_SIMULATED * DRAWS:
-        raise DesignError(f"{DRAWS - len(F)} of {DRAWS} vehicles drawn roll over in this maneuver")
+    if len(F) < LEAST_SIMULATED * PREDICTION_DRAWS:
+        drawn = f"{PREDICTION_DRAWS - len(F)} of {PREDICTION_DRAWS} vehicles drawn"
+        raise DesignError(f"{drawn} roll over in this maneuver")
     covariance: FloatArray = posterior_covariance(F, prior, nuisances).mean(axis=0)
     return covariance
 

@@ -39,7 +39,8 @@ class PlanRequest:
     samples : int
         For H: number of simulations per maneuver during the search.
     budget : int
-        Largest number of simulations in all.
+        Largest number of simulations of the search. To judge and to predict what it has found takes
+        a few hundred more.
     seed : int
         Seed; the same seed gives the same plan.
     noise : MeasurementNoise

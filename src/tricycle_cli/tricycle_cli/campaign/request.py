@@ -81,7 +81,7 @@ class CampaignRequest:
     most_drives : int
         Number of drives after which the campaign ends in any case.
     budget : int
-        Simulations to plan one drive with, per family.
+        Largest number of simulations of the search for a maneuver, per family.
     seed : int
         Seed; the same seed and bags give the same plans.
     noise : MeasurementNoise
@@ -129,7 +129,7 @@ class CampaignRequest:
         if self.most_drives < 1:
             raise PlanError(f"most drives {self.most_drives} must be 1 or more")
         if self.budget < 1:
-            raise PlanError(f"budget {self.budget} must be 1 or more: the simulations per plan")
+            raise PlanError(f"budget {self.budget} must be 1 or more: the simulations of a search")
         for target in self.targets:
             self.plan_request(self.families[0], target, None, seed=0)  # checks the rest
 

@@ -123,7 +123,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "looks once a second of wall time, so a simulation should not be much faster",
     )
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
-    add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
+    add(
+        "--budget",
+        type=int,
+        default=CampaignRequest.budget,
+        help="largest number of simulations of the search, per plan and family",
+    )
     add("--seed", type=at_least(0), default=0, help="of the plans")
     add_noise_options(parser, {"": SIMULATED, "with --vehicle-nodes ": MeasurementNoise()})
     add("--true-seed", type=at_least(0), help="of the simulation's hidden true parameters")
@@ -189,7 +194,7 @@ def run(args: argparse.Namespace) -> int:
         _identify(campaign, console)
     try:
         if not campaign.finished:
-            with _session(args, len(campaign.steps)) as drive:
+            with _session(args, campaign) as drive:
                 while not campaign.finished:
                     _drive(campaign, drive, console, stop_early=args.stop_early)
                     _identify(campaign, console)
@@ -262,7 +267,7 @@ def _share(text: str) -> float:
 
 
 @contextlib.contextmanager
-def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
+def _session(args: argparse.Namespace, campaign: Campaign) -> Iterator[DrivePlan]:
     """Nodes to drive on: those of a simulation, started for this, or those of the vehicle.
 
     The noise of a simulation depends on the number of drives before, which it must not repeat.
@@ -273,7 +278,7 @@ def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
         with simulated_session(
             vehicle_file=args.vehicle,
             true_seed=args.true_seed or 0,
-            noise_seed=driven,
+            noise_seed=len(campaign.steps),
             real_time_factor=10.0 if args.real_time_factor is None else args.real_time_factor,
             folder=args.output / "session",
             back=_way_back(args),
@@ -281,7 +286,9 @@ def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
         ) as drive:
             yield drive
         return
-    with running_session(load_vehicle(args.vehicle), ask=True, back=_way_back(args)) as drive:
+    with running_session(
+        campaign.request.vehicle, ask=True, back=_way_back(args), pose=campaign.topics.pose
+    ) as drive:
         yield drive
 
 

@@ -117,7 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=at_least(0), help="same seed, same plan")
     for option, text in (
         ("samples", "for criterion h: simulations per maneuver"),
-        ("budget", "largest number of simulations"),
+        ("budget", "largest number of simulations of the search"),
     ):
         add(f"--{option}", type=int, help=f"{text} (default: {DEFAULTS[option]})")
     add_noise_options(parser, {"": SIMULATED})

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         Parser of the subcommand.
     """
     parser.description = (
-        "Reads the plans and bags in the directory of a demo, a plan, a drive or an "
+        "Reads the plans and bags in the directory of a demo, a plan, a drive, a campaign or an "
         "identification, or a single bag, and writes one HTML file that opens offline."
     )
     parser.epilog = EXAMPLE
@@ -58,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from parameter_identification.drives.reader import read_drive
+    from tricycle_cli.campaign.intervals_section import intervals_section
     from tricycle_cli.reports.identification_files import IDENTIFICATION
     from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import page_of, run_sections
@@ -71,7 +72,9 @@ def run(args: argparse.Namespace) -> int:
     output: Path = args.output or args.directory / name
     check_output_files([output], args)
     with progress_bar("reporting") as progress:
-        sections = run_sections(found, vehicle=vehicle, progress=progress)
+        results, *others = run_sections(found, vehicle=vehicle, progress=progress)
+        campaign = intervals_section(args.directory)
+        sections = [results, *filter(None, [campaign]), *others]
         page = page_of(found, sections)
     files = []
     if args.figures is not None:

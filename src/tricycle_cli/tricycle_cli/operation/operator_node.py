@@ -320,7 +320,8 @@ class Operator(Closing):
             self._sleep(STANDSTILL)
             if self._state.plan_id != plan.id:  # a planner has published another one meanwhile
                 self._hand_over(plan)
-            with self._driving("start"):
+            with self._driving():
+                self._trigger_at_rest("maneuver_driver/start")
                 self._follow(plan, progress, early=enough is not None)
         if self._simulated:
             self._disarm()
@@ -353,8 +354,8 @@ class Operator(Closing):
             If a node does not answer, or the driver refuses or gives up; with its reason.
         """
         self._patience = SERVICE_TIMEOUT
-        self._sleep(LONGEST_STOP - STANDSTILL)  # the drive has ended, the driver's stop has not
         if self._simulated:
+            self._sleep(LONGEST_STOP - STANDSTILL)  # the drive has ended, the driver's stop has not
             self._arm()
         with self._recording(bag):
             self._go_back()
@@ -402,6 +403,28 @@ class Operator(Closing):
         where = f"do the vehicle's nodes run, with ROS_DOMAIN_ID {self._domain}?"
         self._wait(anybody, f"a publisher of {topic}: {where}")
         return found
+
+    def wait_for_poses(self, topic: str) -> None:
+        """Wait until a node publishes the poses that a bag is to be read by.
+
+        Parameters
+        ----------
+        topic : str
+            Name or end of the name, as in `TopicNames`.
+
+        Raises
+        ------
+        NodeError
+            If no node does.
+        """
+        self._patience = SILENCE_TIMEOUT  # it runs already, or never will
+
+        def published() -> bool:
+            known = [name for name, _ in self._node.get_topic_names_and_types()]
+            alike = [name for name in known if name == topic or name.endswith(f"/{topic}")]
+            return any(self._node.count_publishers(name) for name in alike)
+
+        self._wait(published, f"a publisher of poses on {topic}: name their topic with --pose")
 
     def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any]:
         """Return parameters of a node by name; one that is not set is missing.
@@ -457,8 +480,9 @@ class Operator(Closing):
                 raise NodeError(f"maneuver_driver/start: {item.message}")
 
     def _go_back(self) -> None:
-        self._sleep(STANDSTILL)  # until the driver has heard that a bag is recorded
-        with self._driving("go_back"):
+        with self._driving():
+            self._sleep(STANDSTILL)  # until the driver has heard that a bag is recorded
+            self._trigger_at_rest("maneuver_driver/go_back")
             begun = (PlaybackState.RETURNING, PlaybackState.ABORTED)
             self._wait(lambda: self._state.state in begun, "the way back to begin")
             while self._state.state is PlaybackState.RETURNING:
@@ -468,16 +492,18 @@ class Operator(Closing):
                 raise NodeError(f"way back aborted: {self._state.reason}")
 
     @contextmanager
-    def _driving(self, service: str) -> Iterator[None]:
-        """Have the driver begin, abort it on any failure or interruption; then stand still."""
+    def _driving(self) -> Iterator[None]:
+        """Run the block, then stand still; have the driver abort on a failure or interruption."""
         try:
-            self._trigger_at_rest(f"maneuver_driver/{service}")
             yield
+            self._sleep(STANDSTILL)  # in which the vehicle may still roll out
         except BaseException as error:
             self._check()  # where the nodes end with a dead one, nobody is left to abort
-            try:  # refused where it has ended by itself, and the vehicle rests
+            try:
                 with self._interrupts_wait():
-                    self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
+                    answer = self._services.call(
+                        "maneuver_driver/abort", Trigger, Trigger.Request()
+                    )
             except NodeError as unanswered:
                 raise NodeError(
                     f"{str(error) or 'interrupted'}; the maneuver may still run, for the abort: "
@@ -485,13 +511,15 @@ class Operator(Closing):
                 ) from error
             if self._held is not None:
                 self._held.clear()  # they asked for the same
-            if isinstance(error, KeyboardInterrupt):
-                self._node.get_logger().warning(
-                    f"interrupted: the vehicle is stopped and recorded for {LONGEST_STOP:g} s more"
-                )
-            self._sleep(LONGEST_STOP)  # the bag shows where the vehicle came to rest
+            # refused where it has ended by itself: after an abort of its own the vehicle may roll
+            if answer.success or self._state.state is PlaybackState.ABORTED:
+                if isinstance(error, KeyboardInterrupt):
+                    self._node.get_logger().warning(
+                        f"interrupted: the vehicle is stopped and recorded for {LONGEST_STOP:g} s "
+                        "more"
+                    )
+                self._sleep(LONGEST_STOP)  # the bag shows where the vehicle came to rest
             raise
-        self._sleep(STANDSTILL)
 
     def _follow(self, plan: Plan, progress: Progress, *, early: bool) -> None:
         """Wait for the end of the maneuver started; `early` ends it once it has taught enough."""

@@ -202,7 +202,12 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 @contextmanager
 def running_session(
-    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False, back: Path | None = None
+    vehicle: Vehicle | None,
+    namespace: str = "",
+    *,
+    ask: bool = False,
+    back: Path | None = None,
+    pose: str = "",
 ) -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
@@ -217,6 +222,8 @@ def running_session(
     back : Path, optional
         Makes the vehicle drive to the start of each drive by itself, and back at the end: the
         folder for the bag of this last way. Without an area somebody puts it at the first start.
+    pose : str
+        Topic of the poses by which the bags are read; empty: they are not read.
 
     Yields
     ------
@@ -228,7 +235,7 @@ def running_session(
     VehicleError
         If the bridge is another vehicle's.
     NodeError
-        If there is no domain ROS_DOMAIN_ID, or a node does not answer.
+        If there is no domain ROS_DOMAIN_ID, a node does not answer, or none publishes the poses.
     """
     from tricycle_cli.operation.operator_node import Operator
 
@@ -239,7 +246,8 @@ def running_session(
         # another node than the bridge may say that the vehicle is ready; it has no such parameters
         if vehicle is not None and "tricycle_bridge" in operator.publishers(TOPIC):
             check_bridge(vehicle, operator.parameters("tricycle_bridge", IDENTIFYING))
-
+        if pose:
+            operator.wait_for_poses(pose)
         driven: list[str] = []  # names of the bags
 
         def drive(plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None) -> None:
@@ -257,17 +265,23 @@ def running_session(
 
         yield drive
         if back is not None and driven:
-            _go_back(operator.go_back, back / driven[-1])
+            service = f"{namespace}/maneuver_driver/go_back".lstrip("/")
+            _go_back(operator.go_back, back / driven[-1], f"/{service}")
 
 
-def _go_back(go_back: Callable[[Path], None], bag: Path) -> None:
-    """Drive the last way back; that of a campaign's drive which is driven again is replaced."""
+def _go_back(go_back: Callable[[Path], None], bag: Path, service: str = "") -> None:
+    """Drive the last way back; that of a campaign's drive which is driven again is replaced.
+
+    `service` drives it once more, where nodes are left that have it.
+    """
     shutil.rmtree(bag, ignore_errors=True)
     bag.parent.mkdir(parents=True, exist_ok=True)
     try:
         go_back(bag.absolute())
     except NodeError as error:
-        raise NodeError(f"{error}; all drives are recorded") from error
+        again = f"ros2 service call {service} std_srvs/srv/Trigger"
+        advice = f"; to try again, arm the vehicle and give: {again}" if service else ""
+        raise NodeError(f"{error}; all drives are recorded{advice}") from error
 
 
 def _wait_for_enter(
