@@ -42,6 +42,8 @@ _DAMAGED = (
 )
 
 _TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_ENDS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}  # what ends the data, with its length [bytes]
+_RESERVED = set(range(0x80)) - {int(opcode) for opcode in Opcode}  # beyond: of other programs
 
 _RUN = 4 * 2**20  # bytes of wanted chunks, one behind the other, that are fetched together
 
@@ -167,14 +169,13 @@ class McapFile:
         self.size = source.size
         self.complete = False
         try:
-            if part and self.size < len(MAGIC):  # killed when it began this part
-                return
             try:
                 self._check_magic()
             except BagError as error:
-                if not part or damaged is None:
+                if part and damaged is not None:
+                    damaged(error)
+                elif not part or self.size >= len(MAGIC):  # otherwise killed when it began it
                     raise
-                damaged(error)
                 return
             footer = self._read_footer()
             try:
@@ -183,6 +184,7 @@ class McapFile:
                 self.complete = False
             if not self.complete:
                 self.complete = self._scan() and footer is not None
+                self.complete &= self._channels_are_known()
         except BaseException:
             self.close()
             raise
@@ -368,21 +370,25 @@ class McapFile:
     def _scan(self) -> bool:
         """Take channels and chunks from the data; whether there is no damage.
 
-        What comes after a damaged record is taken too where damage is told.
+        What comes after a damaged record is taken too where damage is told, as far as its length
+        shows where that is.
         """
         self._chunks.clear()
         offset, whole = len(MAGIC), True
         while offset < self.size:
             head = self._read(offset, RECORD.size)
-            if len(head) < RECORD.size:
-                return False
-            opcode, length = RECORD.unpack(head)
+            opcode, length = RECORD.unpack(head.ljust(RECORD.size, b"\0"))
             end = offset + RECORD.size + length
-            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            if _ENDS.get(opcode) == length:
                 return whole
-            if opcode == 0 or end > self.size:  # no record begins with zero: it was never written
+            if opcode in (0, *_ENDS) or end > self.size:  # what begins with 0 was never written
+                if self._damaged is not None:
+                    lost = f"the last {self.size - offset} bytes are no whole records"
+                    self._damaged(BagError(f"{self.path}: torn at byte {offset}: {lost}"))
                 return False
             try:
+                if opcode in _RESERVED:
+                    raise ValueError(f"no record has the opcode {opcode}")
                 if opcode in _TAKEN:
                     record = self._read(offset, end - offset)
                     chunk = opcode == Opcode.CHUNK
@@ -400,6 +406,13 @@ class McapFile:
                 whole = False
             offset = end
         return False
+
+    def _channels_are_known(self) -> bool:
+        """Whether the topics of all messages are known: of some they may be in what is lost."""
+        lost = sum(n for channel, n in self._counts.items() if channel not in self._channels)
+        if lost and self._damaged is not None:
+            self._damaged(BagError(f"{self.path}: the topics of {lost} messages are lost"))
+        return not lost
 
     def _take_records(self, data: Buffer) -> None:
         for opcode, start, length in split_records(data):

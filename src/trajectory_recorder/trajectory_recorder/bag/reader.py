@@ -37,8 +37,9 @@ class BagReader(Closing):
     path : Path or str
         The bag, or its URL.
     damaged : callable, optional
-        Called for each damaged chunk, and each file of a split bag that is no MCAP file, which are
-        then passed over. Default: damage raises.
+        Called for each damaged chunk, the torn end of a file, and each file of a split bag that is
+        missing or no MCAP file, which are then passed over. Default: damage raises, and a file is
+        read up to its torn end.
 
     Attributes
     ----------
@@ -98,7 +99,10 @@ class BagReader(Closing):
                 raise BagError(f"{path} is an empty bag: no topic was recorded{cut}")
             self.kind = self._storages[0].kind
             self.files = [file for storage in self._storages for file in storage.files]
-            self.complete &= not _missing(path, information, files)
+            for missing in sorted(_missing(path, information, files)):
+                self.complete = False
+                if damaged is not None:
+                    damaged(BagError(f"{path}: its file {missing} is missing"))
             self.complete &= self.metadata.keys().isdisjoint((LOST, FAILURE))
             self.size = sum(storage.size for storage in self._storages)
             spans = [storage.span for storage in self._storages if storage.span]

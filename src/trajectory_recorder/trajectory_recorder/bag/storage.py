@@ -8,7 +8,7 @@ from trajectory_recorder.bag.topics import Topic
 from tricycle_core.errors import BagError
 
 Damaged = Callable[[BagError], None]
-"""Called for each damaged chunk, and each file of a split bag that is no MCAP file."""
+"""Called with each part of a bag that cannot be read: `BagReader` lists them."""
 
 
 class RecordedMessage(NamedTuple):
