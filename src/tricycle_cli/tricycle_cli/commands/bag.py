@@ -38,15 +38,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    info = verbs.add_parser("info", help="time, files, topics, types, counts, metadata")
+    shown = {"formatter_class": parser.formatter_class}  # with defaults
+    info = verbs.add_parser("info", help="time, files, topics, types, counts, metadata", **shown)
     info.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     info.add_argument("--json", action="store_true", help="print one JSON object")
     info.set_defaults(run=run_info)
-    new = verbs.add_parser("convert", help="write parts of bags, or several bags, as a new one")
+    summary = "write parts of bags, or several bags, as a new one"
+    new = verbs.add_parser("convert", help=summary, **shown)
     add = new.add_argument
     add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
     add("--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)")
-    add("--topics", nargs="+", metavar="TOPIC", default=["*"], help="names; * and ? match anything")
+    names = "names; * and ? match anything (default: all)"
+    add("--topics", nargs="+", metavar="TOPIC", default=["*"], help=names)
     add("--exclude", nargs="+", metavar="TOPIC", default=[], help="names to leave out, of those")
     add(
         "--start",
@@ -67,7 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--split-duration", type=nonnegative_number, default=0.0, metavar="S", help=new_file)
     add("--json", action="store_true", help="print one JSON object")
     new.set_defaults(run=run_convert)
-    again = verbs.add_parser("recover", help="copy what is readable of a damaged bag to a new one")
+    summary = "copy what is readable of a damaged bag to a new one"
+    again = verbs.add_parser("recover", help=summary, **shown)
     again.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     again.add_argument(
         "--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)"
