@@ -64,10 +64,11 @@ def _check_no_secret(scheme: str, rest: str) -> None:
             f"{scheme}://…: no password in a URL, which results would show: set it in the "
             "environment or in the configuration of fsspec"
         )
-    if scheme in ("http", "https") and "?" in rest:
+    address, _, query = rest.partition("?")
+    if query and (scheme in ("http", "https") or "=" in query):  # in names of others is a "?" too
         raise BagError(
-            f"{scheme}://{rest.partition('?')[0]}?…: no query in a URL, which results would show: "
-            "use the store's own URL (s3://…), or download the bag"
+            f"{scheme}://{address}?…: no query in a URL, which results would show: use the store's "
+            "own URL (s3://…) and a key from the environment, or download the bag"
         )
 
 
