@@ -176,7 +176,7 @@ def test_an_acceleration_that_was_not_measured_is_no_number(drive, tmp_path):
     with BagReader(tmp_path / "bag") as bag:
         imu = [
             jazzy().deserialize_cdr(data, "sensor_msgs/msg/Imu")
-            for _, _, data in bag.messages({"/imu"})
+            for _, _, data, _ in bag.messages({"/imu"})
         ]
     of_force = [m.linear_acceleration for m in imu if m.linear_acceleration_covariance[0] != -1.0]
     assert [a.x for a in of_force[:100]] == [1.23] * 100

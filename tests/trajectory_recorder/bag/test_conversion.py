@@ -56,6 +56,29 @@ def test_several_bags_become_one_by_their_stamps(tmp_path: Path) -> None:
         assert reader.span == (0, 5 * S)
 
 
+@pytest.mark.parametrize("how", ["convert", "recover"])
+def test_times_of_publication_are_kept(tmp_path: Path, how: str) -> None:
+    """As rosbag2 writes them, also from the simulation's clock; not known, they are the stamps."""
+    bag = tmp_path / "bag.mcap"
+    with bag.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(STRING, "ros2msg", b"string data")
+        channel = writer.register_channel("/odom", "cdr", schema)
+        writer.add_message(channel, 5 * S, b"sent", publish_time=4 * S)
+        writer.add_message(channel, 6 * S, b"unknown", publish_time=6 * S)
+        writer.finish()
+    if how == "convert":
+        convert([bag], tmp_path / "new")
+    else:
+        recover(bag, tmp_path / "new")
+    with (tmp_path / "new" / "new_0.mcap").open("rb") as file:
+        times = [(m.log_time, m.publish_time) for _, _, m in make_reader(file).iter_messages()]
+    assert times == [(5 * S, 4 * S), (6 * S, 6 * S)]
+    with BagReader(tmp_path / "new") as reader:
+        assert [message.published for message in reader.messages()] == [4 * S, None]
+
+
 @pytest.mark.parametrize("again", ["first", "./first", "link", "first/first_0.mcap"])
 def test_a_bag_given_twice_is_refused(
     tmp_path: Path, again: str, monkeypatch: pytest.MonkeyPatch

@@ -38,7 +38,7 @@ def read_with_rosbags(path: Path) -> list[tuple[str, int, str]]:
     with RosbagsReader(path) as reader:
         return [
             (c.topic, stamp, jazzy().deserialize_cdr(data, c.msgtype).data)  # type: ignore[attr-defined]
-            for c, stamp, data in reader.messages()
+            for c, stamp, data, *_ in reader.messages()
         ]
 
 

@@ -99,7 +99,8 @@ def convert(
             if message.stamp > end:
                 break
             if message.stamp >= begin or joined[message.topic].latched:
-                writer.write(ids[message.topic], max(message.stamp, begin), message.data)
+                stamp = max(message.stamp, begin)
+                writer.write(ids[message.topic], stamp, message.data, message.published)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
         if not writer.messages:

@@ -47,6 +47,9 @@ _RESERVED = set(range(0x80)) - {int(opcode) for opcode in Opcode}  # beyond: of 
 
 _RUN = 4 * 2**20  # bytes of wanted chunks, one behind the other, that are fetched together
 
+# channel, stamp and time of publication of a message, start and end of its data
+_Found = tuple[int, int, int, int, int]
+
 MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
 
 
@@ -269,9 +272,12 @@ class McapFile:
                 raise failure from error
             self._damaged(failure)
             return
-        for channel_id, stamp, start, end in found:
+        for channel_id, stamp, published, start, end in found:
             if channel_id in names:
-                yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
+                content = bytes(data[start:end])
+                # a time that was not recorded is written as the stamp
+                known = None if published == stamp else published
+                yield RecordedMessage(names[channel_id], stamp, content, known)
 
     def _failure(self, offset: int, error: Exception) -> BagError:
         return BagError(f"{self.path}: damaged chunk at byte {offset}: {error}")
@@ -285,7 +291,7 @@ class McapFile:
             what = "is empty" if self.size == 0 else "is not an MCAP file"
             raise BagError(f"{self.path} {what}")
 
-    def _indexed(self, data: Buffer, indexes: list[int]) -> list[tuple[int, int, int, int]]:
+    def _indexed(self, data: Buffer, indexes: list[int]) -> list[_Found]:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
         entries: list[tuple[int, int]] = []  # offset, stamp
         for index in indexes:
@@ -299,10 +305,10 @@ class McapFile:
         for offset, stamp in sorted(entries):
             opcode, length = RECORD.unpack_from(data, offset)
             start = offset + RECORD.size
-            channel_id, _, log_time, _ = MESSAGE.unpack_from(data, start)
+            channel_id, _, log_time, published = MESSAGE.unpack_from(data, start)
             if opcode != Opcode.MESSAGE or log_time != stamp or start + length > len(data):
                 raise ValueError("its message index is wrong")
-            found.append((channel_id, stamp, start + MESSAGE.size, start + length))
+            found.append((channel_id, stamp, published, start + MESSAGE.size, start + length))
         return found
 
     def _read_footer(self) -> Footer | None:
@@ -447,13 +453,13 @@ def _runs(chunks: list[_Chunk]) -> list[tuple[int, int]]:
     return runs
 
 
-def _messages(data: Buffer) -> list[tuple[int, int, int, int]]:
-    """Channel, stamp, start and end of the data of each message in a chunk."""
+def _messages(data: Buffer) -> list[_Found]:
+    """Messages in a chunk."""
     found = []
     for opcode, start, length in split_records(data):
         if opcode == Opcode.MESSAGE:
-            channel_id, _, stamp, _ = MESSAGE.unpack_from(data, start)
-            found.append((channel_id, stamp, start + MESSAGE.size, start + length))
+            channel_id, _, stamp, published = MESSAGE.unpack_from(data, start)
+            found.append((channel_id, stamp, published, start + MESSAGE.size, start + length))
     return found
 
 

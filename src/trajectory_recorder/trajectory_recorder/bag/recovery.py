@@ -68,7 +68,7 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
         ids = {name: writer.add_topic(topic) for name, topic in reader.topics.items()}
         total = sum(topic.count for topic in reader.topics.values())
         for done, message in enumerate(chain([first], messages), start=1):
-            writer.write(ids[message.topic], message.stamp, message.data)
+            writer.write(ids[message.topic], message.stamp, message.data, message.published)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
         if damage:

@@ -22,11 +22,14 @@ class RecordedMessage(NamedTuple):
         Time of receipt by the recorder's clock [ns].
     data : bytes
         Serialised message (CDR).
+    published : int, optional
+        Time of its publication [ns], where that was recorded too.
     """
 
     topic: str
     stamp: int
     data: bytes
+    published: int | None = None
 
 
 class Block(NamedTuple):

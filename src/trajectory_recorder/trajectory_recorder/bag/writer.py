@@ -196,7 +196,7 @@ class BagWriter(Closing):
             depth = sum(max(qos.depth, 1) for qos in topic.qos)
             self._latched[topic_id] = deque(latched, maxlen=depth)
 
-    def write(self, topic_id: int, stamp: int, data: bytes) -> None:
+    def write(self, topic_id: int, stamp: int, data: bytes, published: int | None = None) -> None:
         """Append a message.
 
         Parameters
@@ -207,10 +207,12 @@ class BagWriter(Closing):
             Time of receipt [ns].
         data : bytes
             Serialised message (CDR).
+        published : int, optional
+            Time of its publication [ns]. Default: the stamp.
         """
         if self._split_due(stamp):
             self._split(stamp)
-        chunk = self._append(topic_id, stamp, data)
+        chunk = self._append(topic_id, stamp, data, stamp if published is None else published)
         self.messages += 1
         if topic_id in self._latched:
             self._latched[topic_id].append(data)
@@ -260,10 +262,11 @@ class BagWriter(Closing):
         with suppress(OSError):  # the file may be full, this one is small
             write_metadata(self.path, self._information | {"custom_data": dict(self.metadata)})
 
-    def _append(self, topic_id: int, stamp: int, data: bytes) -> _Chunk:
+    def _append(self, topic_id: int, stamp: int, data: bytes, published: int) -> _Chunk:
         size = len(data)
+        length = _MESSAGE_FIELDS + size
         try:
-            head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, topic_id, 0, stamp, stamp)
+            head = _MESSAGE.pack(Opcode.MESSAGE, length, topic_id, 0, stamp, published)
         except struct.error as error:
             raise BagError(f"{self.path}: no bag holds the stamp {stamp} ns") from error
         if self._begun is None:
@@ -306,7 +309,7 @@ class BagWriter(Closing):
             self._files[-1].add_channel(topic_id, topic)
         for topic_id, last in self._latched.items():
             for data in last:
-                self._append(topic_id, stamp, data)
+                self._append(topic_id, stamp, data, stamp)
         self.flush()
         self._repeated = self._files[-1].size
 
