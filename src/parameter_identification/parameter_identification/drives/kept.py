@@ -165,6 +165,18 @@ def beginning_of(file: Path) -> float:
         return float(arrays["began"])
 
 
+def steering_late_of(file: Path) -> float:
+    """Return by how much the steering of a kept drive may be late [s].
+
+    Parameters
+    ----------
+    file : Path
+        Written by `keep`.
+    """
+    with _arrays_of(file) as arrays:
+        return float(arrays["steering_late"])
+
+
 def is_kept(file: Path) -> bool:
     """Return whether a drive is kept there, by a file that is not cut off.
 

@@ -415,9 +415,7 @@ class MotionModel:
 
     def _of_effect(self, effect: Effect) -> list[Nuisance]:
         """An effect, or the values of a deviation at its knots."""
-        names, low = [effect.name], effect.low
-        if effect.name == SERVO_DEAD_TIME:
-            low -= self.drive.steering_late
+        names, low = [effect.name], lowest(effect, self.drive.steering_late)
         if effect.name == START_DEVIATION:  # of a vehicle that stands, and has a speed loop
             stands = abs(self.drive.start.speed) < RESTING
             knots = len(START) - 2 if stands and self._vehicle.has_speed_loop else 0
@@ -456,6 +454,19 @@ class MotionModel:
             before = int(first / float(self.time[-1]) * (knots - 1))
             for number in range(knots - before if std > 0.0 else 0):
                 yield Nuisance(f"{name} {number}", unit, 0.0, std)
+
+
+def lowest(effect: Effect, steering_late: float) -> float:
+    """Return the least value of an effect in drives whose steering may have been logged late.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    steering_late : float
+        As of `MeasuredDrive` [s].
+    """
+    return effect.low - (steering_late if effect.name == SERVO_DEAD_TIME else 0.0)
 
 
 def _follow(
