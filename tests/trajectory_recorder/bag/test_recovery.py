@@ -1,5 +1,7 @@
 """Recovery of bags that other readers refuse."""
 
+import errno
+import os
 import re
 from pathlib import Path
 
@@ -42,7 +44,7 @@ def test_a_torn_bag_becomes_one_that_any_reader_opens(bag: Path, tmp_path: Path)
         bag, tmp_path / "whole", progress=lambda done, total: told.append((done, total))
     )
     (damage,) = found.damage
-    at = int(re.search(r"torn at byte (\d+)", str(damage))[1])
+    at = int(re.search(r"damaged at byte (\d+)", str(damage))[1])
     assert str(damage).endswith(f"the last {file.stat().st_size - at} bytes are no whole records")
     assert not found.complete
     assert 0 < found.messages < COUNT
@@ -69,7 +71,7 @@ def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path, torn: 
     found = recover(bag, tmp_path / "whole")
     (damage,) = found.damage
     assert not found.complete
-    assert "damaged chunk at byte" in str(damage)
+    assert "damaged at byte" in str(damage)
     with BagReader(tmp_path / "whole") as reader:
         assert not reader.complete
         assert "damaged parts of bag: 1" in reader.metadata["lost"]
@@ -82,10 +84,10 @@ def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path, torn: 
 @pytest.mark.parametrize(
     ("head", "reason"),
     [
-        (RECORD.pack(Opcode.CHUNK, 2**50), r"torn at byte \d+: the last \d+ bytes are no whole"),
-        (RECORD.pack(Opcode.FOOTER, 2000), r"torn at byte \d+: the last \d+ bytes are no whole"),
-        (bytes(9), r"torn at byte \d+: the last \d+ bytes are no whole records"),
-        (b"\x46", r"damaged chunk at byte \d+: no record has the opcode 70"),
+        (RECORD.pack(Opcode.CHUNK, 2**50), r"damaged at byte \d+: the last \d+ bytes are no whole"),
+        (RECORD.pack(Opcode.FOOTER, 2000), r"damaged at byte \d+: the last \d+ bytes are no whole"),
+        (bytes(9), r"damaged at byte \d+: the last \d+ bytes are no whole records"),
+        (b"\x46", r"damaged at byte \d+: no record has the opcode 70"),
     ],
 )
 def test_the_damaged_head_of_a_chunk_is_told(
@@ -103,6 +105,54 @@ def test_the_damaged_head_of_a_chunk_is_told(
     assert re.search(reason, str(damage))
     assert f"at byte {at}:" in str(damage)
     assert not found.complete
+
+
+@pytest.mark.parametrize("part", ["chunk", "summary"])
+def test_what_a_disk_does_not_give_back_is_left_out(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    """Bad sectors: everything else is recovered."""
+    file = bag / "bag_0.mcap"
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    index = summary.chunk_indexes[5]
+    bad = index.chunk_start_offset + 100 if part == "chunk" else file.stat().st_size - 1
+    read = LocalFile.read
+
+    def failing(self: LocalFile, start: int, size: int) -> bytes:
+        if start <= bad < start + size:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(file))
+        return read(self, start, size)
+
+    monkeypatch.setattr(LocalFile, "read", failing)
+    found = recover(bag, tmp_path / "new")
+    if part == "chunk":
+        (damage,) = found.damage
+        assert str(damage) == (
+            f"{file}: damaged at byte {index.chunk_start_offset}: {os.strerror(errno.EIO)}"
+        )
+        assert COUNT - 100 < found.messages < COUNT
+        with BagReader(bag) as reader, pytest.raises(BagError, match="Input/output error"):
+            list(reader.messages())
+    else:
+        assert (found.damage, found.messages, found.complete) == ((), COUNT, False)
+
+
+def test_a_server_that_fails_is_no_damage(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read, answers = LocalFile.read, True
+
+    def answering(self: LocalFile, start: int, size: int) -> bytes:
+        if not answers:
+            raise BagError("no answer")
+        return read(self, start, size)
+
+    monkeypatch.setattr(LocalFile, "read", answering)
+    with BagReader(bag, damaged=lambda damage: None) as reader:
+        answers = False
+        with pytest.raises(BagError, match=r"^no answer$"):
+            list(reader.messages())
+    with pytest.raises(BagError, match=r"^no answer$"):
+        BagReader(bag, damaged=lambda damage: None)
 
 
 def test_messages_whose_topic_is_lost_are_told(tmp_path: Path) -> None:

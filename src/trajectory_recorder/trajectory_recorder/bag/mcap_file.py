@@ -38,7 +38,7 @@ from tricycle_core.errors import BagError
 
 _DAMAGED = (
     *(struct.error, ValueError, RuntimeError, MemoryError, OverflowError),
-    *(zstandard.ZstdError, McapError),
+    *(zstandard.ZstdError, McapError, OSError),
 )
 
 _TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
@@ -172,17 +172,14 @@ class McapFile:
         self.size = source.size
         self.complete = False
         try:
-            try:
-                self._check_magic()
-            except BagError as error:
-                if part and damaged is not None:
-                    damaged(error)
-                elif not part or self.size >= len(MAGIC):  # otherwise killed when it began it
-                    raise
+            if not self._is_mcap(part):
                 return
-            footer = self._read_footer()
+            footer = None
             try:
+                footer = self._read_footer()
                 self.complete = footer is not None and self._read_summary(footer)
+            except BagError:  # a server that fails is no damage
+                raise
             except _DAMAGED:
                 self.complete = False
             if not self.complete:
@@ -266,6 +263,8 @@ class McapFile:
             # what recovers does without the indexes, which may be damaged too
             indexed = indexes and self._damaged is None
             found = self._indexed(data, indexes) if indexed else _messages(data)
+        except BagError:
+            raise
         except _DAMAGED as error:
             failure = self._failure(chunk.offset, error)
             if self._damaged is None:
@@ -280,16 +279,24 @@ class McapFile:
                 yield RecordedMessage(names[channel_id], stamp, content, known)
 
     def _failure(self, offset: int, error: Exception) -> BagError:
-        return BagError(f"{self.path}: damaged chunk at byte {offset}: {error}")
+        why = error.strerror if isinstance(error, OSError) else error
+        return BagError(f"{self.path}: damaged at byte {offset}: {why}")
 
     def close(self) -> None:
         """Close the file."""
         self._source.close()
 
-    def _check_magic(self) -> None:
-        if self._read(0, len(MAGIC)) != MAGIC:
-            what = "is empty" if self.size == 0 else "is not an MCAP file"
-            raise BagError(f"{self.path} {what}")
+    def _is_mcap(self, part: bool) -> bool:
+        """Whether it begins as an MCAP file; an error or damage where it does not."""
+        if self._read(0, len(MAGIC)) == MAGIC:
+            return True
+        what = "is empty" if self.size == 0 else "is not an MCAP file"
+        error = BagError(f"{self.path} {what}")
+        if part and self._damaged is not None:
+            self._damaged(error)
+        elif not part or self.size >= len(MAGIC):  # otherwise killed when it began this part
+            raise error
+        return False
 
     def _indexed(self, data: Buffer, indexes: list[int]) -> list[_Found]:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
@@ -382,17 +389,16 @@ class McapFile:
         self._chunks.clear()
         offset, whole = len(MAGIC), True
         while offset < self.size:
-            head = self._read(offset, RECORD.size)
-            opcode, length = RECORD.unpack(head.ljust(RECORD.size, b"\0"))
-            end = offset + RECORD.size + length
-            if _ENDS.get(opcode) == length:
-                return whole
-            if opcode in (0, *_ENDS) or end > self.size:  # what begins with 0 was never written
-                if self._damaged is not None:
-                    lost = f"the last {self.size - offset} bytes are no whole records"
-                    self._damaged(BagError(f"{self.path}: torn at byte {offset}: {lost}"))
-                return False
+            end = self.size
             try:
+                head = self._read(offset, RECORD.size)
+                opcode, length = RECORD.unpack(head.ljust(RECORD.size, b"\0"))
+                if _ENDS.get(opcode) == length:
+                    return whole
+                # what begins with 0 was never written
+                if opcode in (0, *_ENDS) or offset + RECORD.size + length > self.size:
+                    raise ValueError(f"the last {self.size - offset} bytes are no whole records")
+                end = offset + RECORD.size + length
                 if opcode in _RESERVED:
                     raise ValueError(f"no record has the opcode {opcode}")
                 if opcode in _TAKEN:
@@ -405,7 +411,11 @@ class McapFile:
                     elif opcode == Opcode.MESSAGE:
                         _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
                         self._chunks.append(_Chunk(offset, end - offset, stamp, stamp, plain=True))
+            except BagError:
+                raise
             except _DAMAGED as error:
+                if self._damaged is None and isinstance(error, OSError):
+                    raise
                 if self._damaged is None:
                     return False
                 self._damaged(self._failure(offset, error))
