@@ -56,6 +56,26 @@ def test_several_bags_become_one_by_their_stamps(tmp_path: Path) -> None:
         assert reader.span == (0, 5 * S)
 
 
+def test_the_duration_counts_to_the_ns(tmp_path: Path) -> None:
+    first = 1_700_000_000_000_000_100
+    with BagWriter(tmp_path / "bag") as writer:
+        odom = writer.add_topic(Topic.of_type("/odom", STRING))
+        for stamp in (first, first + S, first + S + 1):
+            writer.write(odom, stamp, b"")
+    assert convert([tmp_path / "bag"], tmp_path / "part", duration=1.0) == 2
+
+
+def test_bags_with_different_versions_of_a_type_are_not_joined(tmp_path: Path) -> None:
+    """Messages of one of them could not be read by the definition of the other."""
+    for number in range(2):
+        with BagWriter(tmp_path / f"{number}") as writer:
+            topic = Topic("/odom", "own/msg/Odom", f"int{8 << number} a", f"RIHS01_{number}")
+            writer.write(writer.add_topic(topic), 0, b"")
+    with pytest.raises(BagError, match="/odom has two definitions of its type own/msg/Odom"):
+        convert([tmp_path / "0", tmp_path / "1"], tmp_path / "both")
+    assert not (tmp_path / "both").exists()
+
+
 @pytest.mark.parametrize("how", ["convert", "recover"])
 def test_times_of_publication_are_kept(tmp_path: Path, how: str) -> None:
     """As rosbag2 writes them, also from the simulation's clock; not known, they are the stamps."""
