@@ -162,7 +162,7 @@ def run_convert(args: argparse.Namespace) -> int:
     from trajectory_recorder.bag.conversion import convert
     from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
     from trajectory_recorder.bag.writer import Compression
-    from trajectory_recorder.recording import chosen
+    from trajectory_recorder.topic_patterns import chosen
 
     names: set[str] = set()
     for path in args.bags:
