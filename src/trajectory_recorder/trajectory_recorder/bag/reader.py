@@ -200,6 +200,8 @@ def _open_storages(
         levels = ("*/metadata.yaml", "*/*/metadata.yaml")  # of a series, of a campaign
         inside = [file.parent for level in levels for file in sorted(path.glob(level))]
         hint = f"; it holds bags, as {inside[0]}" if inside else ""
+        if databases := sorted(path.glob("*.db3")):  # of a recorder that was killed
+            hint = f"; give the database itself, {databases[0]}"
         raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file{hint}")
 
 
