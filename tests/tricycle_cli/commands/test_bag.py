@@ -104,6 +104,11 @@ def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
             r"no topic of the bag is /chater; did you mean /chatter\?$",
         ),
         (
+            ("bag", "convert", "{bag}", "--output", "s3://bucket/part?X-Amz-Signature=secret"),
+            BagError,
+            "^s3://…: bags are written on this computer only; copy it there then$",
+        ),
+        (
             ("bag", "recover", "{bag}", "--output", "{bag}"),
             BagError,
             "exists: a bag is not overwritten",

@@ -9,6 +9,7 @@ such a file up to that place.
 The records are those of https://mcap.dev/spec, the directory that of rosbag2 (metadata version 9).
 """
 
+import re
 import shutil
 import struct
 from collections import deque
@@ -56,8 +57,12 @@ def check_new(path: Path) -> None:
     Raises
     ------
     BagError
-        If it exists.
+        If it exists, or is a URL.
     """
+    if found := re.match(r"([A-Za-z][A-Za-z0-9+.-]+):/", str(path)):
+        raise BagError(
+            f"{found[1]}://…: bags are written on this computer only; copy it there then"
+        )
     if path.exists():
         raise BagError(f"{path} exists: a bag is not overwritten, choose another name")
 
@@ -99,7 +104,8 @@ class BagWriter(Closing):
     Raises
     ------
     BagError
-        If the directory exists: no bag is ever overwritten. From `write`, if a stamp is negative.
+        If the directory exists: no bag is ever overwritten; or is a URL. From `write`, if a stamp
+        is negative.
     OSError
         From any method, when the disk fails or is full, or the file was deleted or changed by
         another program. The file then holds what was flushed before and is a readable bag; the
