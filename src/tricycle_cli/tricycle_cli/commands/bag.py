@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,13 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    shown = {"formatter_class": parser.formatter_class}  # with defaults
-    info = verbs.add_parser("info", help="time, files, topics, types, counts, metadata", **shown)
+    add_verb = partial(verbs.add_parser, formatter_class=parser.formatter_class)  # with defaults
+    info = add_verb("info", help="time, files, topics, types, counts, metadata")
     info.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     info.add_argument("--json", action="store_true", help="print one JSON object")
     info.set_defaults(run=run_info)
-    summary = "write parts of bags, or several bags, as a new one"
-    new = verbs.add_parser("convert", help=summary, **shown)
+    new = add_verb("convert", help="write parts of bags, or several bags, as a new one")
     add = new.add_argument
     add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
     add("--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)")
@@ -70,8 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--split-duration", type=nonnegative_number, default=0.0, metavar="S", help=new_file)
     add("--json", action="store_true", help="print one JSON object")
     new.set_defaults(run=run_convert)
-    summary = "copy what is readable of a damaged bag to a new one"
-    again = verbs.add_parser("recover", help=summary, **shown)
+    again = add_verb("recover", help="copy what is readable of a damaged bag to a new one")
     again.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     again.add_argument(
         "--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)"
