@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from mcap.writer import Writer
 
 from trajectory_recorder.bag.topics import OfferedQos, Topic
 from trajectory_recorder.bag.writer import BagWriter
@@ -74,6 +75,23 @@ def test_bag_recover(tricycle, bag, tmp_path, capsys):
     assert tricycle("bag", "info", tmp_path / "new", "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["complete"], found["messages"]) == (False, messages)
+
+
+@pytest.mark.parametrize("torn", [0, 20])
+@pytest.mark.parametrize("verb", ["convert", "recover"])
+def test_attachments_are_not_copied_and_that_is_told(tricycle, tmp_path, capsys, verb, torn):
+    bag = tmp_path / "bag.mcap"
+    with bag.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/chatter", "cdr", schema)
+        writer.add_attachment(0, 0, "camera.yaml", "text/plain", b"a: 1")
+        writer.add_message(channel, 0, b"", 0)
+        writer.finish()
+    bag.write_bytes(bag.read_bytes()[: bag.stat().st_size - torn])
+    assert tricycle("bag", verb, bag, "--output", tmp_path / "new") == 0
+    assert f"{bag}: attachments, which are not copied: 1" in capsys.readouterr().err
 
 
 def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):

@@ -164,6 +164,7 @@ class McapFile:
         self._source = source
         self._read = source.read
         self.metadata: dict[str, str] = {}
+        self.attachments = 0
         self._damaged = damaged
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -378,6 +379,7 @@ class McapFile:
         ):  # a summary need not repeat them
             return False
         self._counts.update(statistics.channel_message_counts)
+        self.attachments = statistics.attachment_count
         return True
 
     def _scan(self) -> bool:
@@ -401,6 +403,7 @@ class McapFile:
                 end = offset + RECORD.size + length
                 if opcode in _RESERVED:
                     raise ValueError(f"no record has the opcode {opcode}")
+                self.attachments += opcode == Opcode.ATTACHMENT
                 if opcode in _TAKEN:
                     record = self._read(offset, end - offset)
                     chunk = opcode == Opcode.CHUNK

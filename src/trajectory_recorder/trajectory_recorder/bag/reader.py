@@ -49,6 +49,8 @@ class BagReader(Closing):
         Topics by name; counts are those of the whole bag.
     metadata : dict of str to str
         Notes of the recorder about the drive.
+    attachments : int
+        Number of files in it, as MCAP may have; they are not read.
     complete : bool
         False if a file was cut off, by a killed recorder for example, or is missing, the recorder
         lost messages, or the disk ended the recording; what is left is read.
@@ -105,6 +107,7 @@ class BagReader(Closing):
                     damaged(BagError(f"{path}: its file {missing} is missing"))
             self.complete &= self.metadata.keys().isdisjoint((LOST, FAILURE))
             self.size = sum(storage.size for storage in self._storages)
+            self.attachments = sum(storage.attachments for storage in self._storages)
             spans = [storage.span for storage in self._storages if storage.span]
             self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
             self._closing = stack.pop_all()

@@ -25,11 +25,14 @@ class Recovery(NamedTuple):
         One error for each chunk, torn end of a file, and file of a split bag, that was left out.
     complete : bool
         Whether the new bag is whole: nothing was left out, and the old one was `complete`.
+    attachments : int
+        Number of files in the old bag, which are not copied.
     """
 
     messages: int
     damage: tuple[BagError, ...]
     complete: bool
+    attachments: int
 
 
 def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Recovery:
@@ -75,4 +78,5 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
             lost = f"damaged parts of {bag.name}: {len(damage)}"
             known = writer.metadata.get(LOST)
             writer.metadata[LOST] = f"{known}; {lost}" if known else lost
-        return Recovery(writer.messages, tuple(damage), reader.complete and not damage)
+        complete = reader.complete and not damage
+        return Recovery(writer.messages, tuple(damage), complete, reader.attachments)

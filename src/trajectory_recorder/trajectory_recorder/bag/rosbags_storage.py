@@ -24,6 +24,7 @@ class RosbagsStorage:
     """
 
     complete = True
+    attachments = 0
     fetched = 0
 
     def __init__(self, path: Path, files: list[Path]) -> None:

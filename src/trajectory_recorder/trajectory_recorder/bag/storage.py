@@ -45,6 +45,7 @@ class Storage(Protocol):
 
     complete: bool
     metadata: dict[str, str]
+    attachments: int  # files in it, as MCAP may have
 
     @property
     def kind(self) -> str:

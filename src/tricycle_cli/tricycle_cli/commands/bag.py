@@ -169,6 +169,7 @@ def run_convert(args: argparse.Namespace) -> int:
             names |= bag.topics.keys()
             if not bag.complete:
                 print(f"{path}: {NOT_WHOLE}", file=sys.stderr)
+            _tell_attachments(path, bag.attachments)
     topics = chosen(names, args.topics, args.exclude)
     with progress_bar("converting") as progress:
         messages = convert(
@@ -189,6 +190,11 @@ def run_convert(args: argparse.Namespace) -> int:
     return 0
 
 
+def _tell_attachments(bag: Path, number: int) -> None:
+    if number:
+        print(f"{bag}: attachments, which are not copied: {number}", file=sys.stderr)
+
+
 def run_recover(args: argparse.Namespace) -> int:
     """Copy what is readable.
 
@@ -206,6 +212,7 @@ def run_recover(args: argparse.Namespace) -> int:
         print(f"left out: {chunk}", file=sys.stderr)
     if not found.complete:
         print(f"{args.bag}: {NOT_WHOLE}", file=sys.stderr)
+    _tell_attachments(args.bag, found.attachments)
     if args.json:
         result = {
             "bag": str(args.output),
