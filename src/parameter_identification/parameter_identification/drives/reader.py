@@ -258,10 +258,11 @@ class _Collector:
             return None
         end = stamp_of(own[-1].poses[-1]) * 1e-9
         rows = [
-            (elapsed, setpoint.position[setpoint.name.index(STEERING_JOINT)])
+            (elapsed, angle)
             for setpoint in played
-            if STEERING_JOINT in setpoint.name
-            and 0.0 <= (elapsed := (stamp_of(setpoint) - start) * 1e-9) < end
+            if 0.0 <= (elapsed := (stamp_of(setpoint) - start) * 1e-9) < end
+            for name, angle in zip(setpoint.name, setpoint.position, strict=False)
+            if name == STEERING_JOINT
         ]
         time, angle = np.array(sorted(rows), dtype=np.float64).reshape(-1, 2).T
         return SteeredLeadIn(end, time, angle)
