@@ -48,6 +48,7 @@ def test_a_bag_without_metadata_is_known_by_its_files_whatever_its_name(bags, tm
     "secret",
     [
         "sftp://me:sec*ret@host/bag",
+        "https://sec*ret@host/bag",
         "https://host/bag?sig=sec*ret",
         "s3://bucket/bag?X-Amz-Signature=sec*ret",
         "az://container/bag?sv=2022&sig=secret",
