@@ -15,7 +15,7 @@ from signal import SIGINT
 
 import numpy as np
 import pytest
-from simulated_drives import TRUTH, VEHICLE, driven, planned
+from simulated_drives import NAMES, TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
 from parameter_identification import many_drives
@@ -350,6 +350,42 @@ def test_ctrl_c_ends_the_workers_without_a_word_of_theirs(bags, tmp_path, second
         said, _ = process.communicate(timeout=20.0)  # until the last one that could say something
     assert "Traceback" not in said
     assert process.returncode == 130
+
+
+@pytest.mark.parametrize(("logged_late", "low"), [((0.08, 0.08), -0.08), ((0.08, 0.0), 0.0)])
+def test_steering_that_was_logged_late_allows_a_dead_time_below_0(
+    tmp_path, monkeypatch, logged_late, low
+):
+    """As `identify` does: what each of the drives allows."""
+    drive = driven(planned(Circle(duration=6.0), 2.5, 0.8), standstill=1.0)
+    files = [tmp_path / f"{i}.npz" for i in range(2)]
+    for file, late in zip(files, logged_late, strict=True):
+        keep(dataclasses.replace(drive, steering_late=late), file)
+    effects = effects_of(VEHICLE, ["servo-dead-time"])
+    setting = FitSetting(VEHICLE, tuple(effects), {}, {})
+    monkeypatch.setattr(many_drives, "_begin", lambda job: (setting, np.zeros(len(NAMES) + 1)))
+    (fit,) = many_drives.begin([files], VEHICLE, effects, None, 0, None)
+    assert fit.variables.low[-1] * effects[0].std == pytest.approx(low)
+
+
+@pytest.mark.slow
+def test_bags_of_tables_whose_steering_was_logged_late_are_fitted(tmp_path):
+    bags = []
+    for number in range(2):
+        drive = driven(
+            planned(Circle(duration=6.0), 2.5 + 0.3 * number, 0.8), noise=0.001, seed=number,
+            others=SENSORS, standstill=1.0, name=f"{number}",
+        )  # fmt: skip
+        table = recording_of(drive)
+        steering = Samples(table.steering.time + 0.05, table.steering.values)
+        write_bag(
+            dataclasses.replace(table, steering=steering),
+            VEHICLE, SteeringMap(), bag := tmp_path / f"bag_{number}",
+        )  # fmt: skip
+        bags.append(bag)
+    found = identify_many(bags, VEHICLE, folder=tmp_path, effects=["servo-dead-time"])
+    (effect,) = found.effects
+    assert effect.estimate == pytest.approx(-0.05, abs=0.005)
 
 
 def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):

@@ -7,7 +7,9 @@ import pytest
 
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
-from trajectory_recorder.recording import BagSettings, Recording, TopicSource, chosen, matches
+from trajectory_recorder.recording import BagSettings, Recording
+from trajectory_recorder.topic_patterns import chosen, matches
+from trajectory_recorder.topic_source import TopicSource
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError
 
@@ -33,7 +35,7 @@ def topic(name: str, qos: tuple[OfferedQos, ...] = ONE, type_name: str = TYPE) -
 
 def contents(bag: Path) -> list[tuple[str, int, bytes]]:
     with BagReader(bag) as reader:
-        return list(reader.messages())
+        return [message[:3] for message in reader.messages()]
 
 
 def test_a_bag_begins_with_the_latched_messages_of_before(

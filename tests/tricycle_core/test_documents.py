@@ -133,6 +133,16 @@ def test_what_is_not_yaml_is_told_with_the_reason(content, message):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize(("number", "taken"), [("010", "8"), ("1:30", "90"), ("-0_7", "-7")])
+def test_a_number_that_yaml_takes_for_another_one_is_refused(number, taken):
+    with pytest.raises(PlanError, match=f"^f:2: {number}: is {taken} in YAML"):
+        parse_yaml(f"a: 1\nb: [{number}]".encode(), "f", PlanError)
+    plain = b"{a: 0, b: 07.5, c: '010', d: 0.1, e: 10, f: 0x1f, g: 08}"
+    assert parse_yaml(plain, "f", PlanError) == {
+        "a": 0, "b": 7.5, "c": "010", "d": 0.1, "e": 10, "f": 31, "g": "08",
+    }  # fmt: skip
+
+
 def test_entries_of_a_newer_version_are_ignored():
     document = decode(Document, GOOD | {"newer": 1}, "plan.json", PlanError)
     assert document.intervals["mass"] == Interval(0.0, 1.0)

@@ -21,7 +21,12 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.design.prior import BoxPrior
-from parameter_identification.drives.kept import beginning_of, load_kept, measured_in
+from parameter_identification.drives.kept import (
+    beginning_of,
+    load_kept,
+    measured_in,
+    steering_late_of,
+)
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.names import names_of
 from parameter_identification.drives.recorded import TopicNames
@@ -29,6 +34,7 @@ from parameter_identification.estimation.estimates import estimates_of
 from parameter_identification.estimation.interval_correction import corrected
 from parameter_identification.estimation.intervals import check_level
 from parameter_identification.estimation.mixture import Mixture, mixture_of
+from parameter_identification.estimation.motion_model import lowest
 from parameter_identification.estimation.prior import GaussianPrior, box_prior
 from parameter_identification.estimation.results import (
     EffectEstimate,
@@ -216,8 +222,9 @@ def begin(
         whole = np.diag(np.append(np.zeros(k), precisions))
         whole[:k, :k] = before.information
         free = np.full(len(rates), np.inf)
+        late = min(map(steering_late_of, own))  # what each drive allows, all do
         variables = Variables(
-            np.concatenate([np.zeros(k), [e.low / e.std for e in shared], -free]),
+            np.concatenate([np.zeros(k), [lowest(e, late) / e.std for e in shared], -free]),
             np.concatenate([np.ones(k), [e.high / e.std for e in shared], free]),
             np.append(before.mean, np.zeros(n - k)),
             whole,

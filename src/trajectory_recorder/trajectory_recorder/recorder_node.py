@@ -24,7 +24,9 @@ from std_srvs.srv import Trigger
 from trajectory_recorder.bag.topics import OfferedQos, Topic, message_class
 from trajectory_recorder.bag.writer import Compression
 from trajectory_recorder.receipt_clock import ReceiptClock
-from trajectory_recorder.recording import LACKS, BagSettings, Recording, TopicSource, matches
+from trajectory_recorder.recording import LACKS, BagSettings, Recording
+from trajectory_recorder.topic_patterns import matches
+from trajectory_recorder.topic_source import TopicSource
 from tricycle_core import __version__
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError, message_of

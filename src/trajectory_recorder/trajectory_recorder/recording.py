@@ -6,11 +6,9 @@ begins with them; it opens and closes bags, watches the disk, and reports its st
 
 import shutil
 import time
-from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +16,14 @@ from trajectory_recorder.backlog import Backlog, KeptMessage
 from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic, deserialize
 from trajectory_recorder.bag.writer import BagWriter, Compression
+from trajectory_recorder.topic_patterns import matches
+from trajectory_recorder.topic_source import TopicSource
 from tricycle_core.diagnostics import Level
 from tricycle_core.documents import nearest_existing
-from tricycle_core.errors import BagError, hint
+from tricycle_core.errors import BagError
+
+LACKS = " lacks messages that the recorder lost: "
+"""Text between the path of a bag and what it lacks, in the answer of `~/stop`."""
 
 METADATA = ("plan_id", "vehicle*", "firmware*")
 """Values of diagnostics that are copied to the bag's metadata record."""
@@ -59,10 +62,6 @@ class BagSettings:
     backlog: int = 0
 
 
-LACKS = " lacks messages that the recorder lost: "
-"""Text between the path of a bag and what it lacks, in the answer of `~/stop`."""
-
-
 @dataclass(frozen=True)
 class Status:
     """State of the recorder, for diagnostics.
@@ -80,62 +79,6 @@ class Status:
     level: Level
     message: str
     values: Mapping[str, object]
-
-
-class TopicSource:
-    """A topic that is received: how it is offered, its latched messages, how many were lost.
-
-    Parameters
-    ----------
-    topic : Topic
-        Topic as its publishers offer it now.
-    """
-
-    def __init__(self, topic: Topic) -> None:
-        self.topic = topic
-        self.id = 0  # in the bag being written
-        self.lost = 0  # messages
-        self._publishers = 0
-        self._sequence = 0  # last one received
-        self.latched: deque[bytes] = deque()
-        self.offered(topic)
-
-    def offered(self, topic: Topic) -> None:
-        """Take note of how the topic is offered from now on."""
-        self.topic = topic
-        self.left(len(topic.qos))
-        # The middleware says neither how many messages a publisher latches (nearly all one), nor
-        # of which publisher a message is.
-        self.latched = deque(self.latched, maxlen=len(topic.qos) if topic.latched else 0)
-
-    def left(self, publishers: int) -> None:
-        """Note the remaining publishers: losses show only in the numbers of a single one.
-
-        Parameters
-        ----------
-        publishers : int
-            Number of publishers that remain.
-        """
-        self._publishers = publishers
-        self._sequence = 0
-
-    def received(self, data: bytes, sequence: int) -> None:
-        """Keep a latched message, and count those that are missing before it.
-
-        Of latched topics none is missing: they tell a state, and a publisher keeps only its newest
-        for a recorder that is held up.
-
-        Parameters
-        ----------
-        data : bytes
-            Serialised message (CDR).
-        sequence : int
-            Sequence number given by its publisher.
-        """
-        self.latched.append(data)
-        if self._publishers == 1 and not self.topic.latched and 0 < self._sequence < sequence:
-            self.lost += sequence - self._sequence - 1
-        self._sequence = sequence
 
 
 class Recording:
@@ -487,50 +430,3 @@ class Recording:
             self._note_lost(bag)
             bag.fail(reason)
         self._failed(self._failure)
-
-
-def matches(name: str, patterns: Sequence[str]) -> bool:
-    """Return whether a name fits one of the patterns.
-
-    Parameters
-    ----------
-    name : str
-        Name of a topic, or of a value.
-    patterns : sequence of str
-        Patterns in which ``*`` and ``?`` match anything.
-
-    Examples
-    --------
-    >>> matches("/maneuver/path", ["/odom", "/maneuver/*"])
-    True
-    """
-    return any(fnmatchcase(name, pattern) for pattern in patterns)
-
-
-def chosen(names: Collection[str], patterns: Sequence[str], without: Sequence[str]) -> list[str]:
-    """Return the topics of a bag that patterns select.
-
-    Parameters
-    ----------
-    names : collection of str
-        Names of the bag's topics.
-    patterns, without : sequence of str
-        Names or patterns to include, and to exclude from those; ``odom`` is ``/odom``.
-
-    Raises
-    ------
-    BagError
-        If a pattern fits no topic: it may be misspelt.
-
-    Examples
-    --------
-    >>> chosen(["/odom", "/maneuver/path", "/maneuver/state"], ["odom", "/maneuver/*"], ["*/path"])
-    ['/odom', '/maneuver/state']
-    """
-    wanted, unwanted = (
-        [p if p.startswith(("/", "*")) else f"/{p}" for p in given] for given in (patterns, without)
-    )
-    for pattern in wanted + unwanted:
-        if not any(matches(name, [pattern]) for name in names):
-            raise BagError(f"no topic of the bag is {pattern}; {hint(pattern, names)}")
-    return [name for name in names if matches(name, wanted) and not matches(name, unwanted)]

@@ -24,7 +24,7 @@ from trajectory_recorder.bag.location import bag_path
 from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.topics import OfferedQos, message_class
 from trajectory_recorder.player import Player
-from trajectory_recorder.recording import chosen
+from trajectory_recorder.topic_patterns import chosen
 from tricycle_core.errors import BagError, message_of
 from tricycle_core.nodes import declare, run_node
 

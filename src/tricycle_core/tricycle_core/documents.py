@@ -181,8 +181,8 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        If it is not YAML, has aliases, or a key twice in one mapping; of the type `error`, with the
-        line.
+        If it is not YAML, has aliases, a key twice in one mapping, or a number that YAML 1.1 takes
+        for octal or of the base 60 (010 is 8, 1:30 is 90); of the type `error`, with the line.
     """
     import yaml  # plans do without
 
@@ -200,6 +200,16 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
                     raise error(f"{where}:{line}: {key.value}: is there twice")
                 seen.add((key.tag, str(key.value)))
             return super().construct_mapping(node, deep)
+
+        def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+            value = super().construct_object(node, deep)
+            number = isinstance(value, int | float) and isinstance(node, yaml.ScalarNode)
+            if number and re.fullmatch(r"[-+]?0[0-7_]+|.*:.*", text := str(node.value)):
+                raise error(
+                    f"{where}:{node.start_mark.line + 1}: {text}: is {value:g} in YAML: write "
+                    "numbers without zeros before them and without colons; in quotes it is a text"
+                )
+            return value
 
     try:
         return yaml.load(_text(content, where, error), Loader=Loader)  # noqa: S506 - a safe loader

@@ -68,6 +68,10 @@ def test_a_start_may_be_in_part_outside(tmp_path: Path, start: str) -> None:
         ("keep_in: [['0', 0], [1, 0], [1, 1]]", "needs a list of numbers"),
         (YARD + "keep_out: [[[0, 0], [1, 1]]]", "keep_out[0]: needs three corners"),
         (YARD + "margin: -1", "margin: needs a number of at least 0 m, not -1"),
+        (
+            '{"type": "FeatureCollection", "features": []}',
+            "is GeoJSON, in degrees; an area is in metres, in the frame of the poses: keep_in: ",
+        ),
         (YARD + "margins: 1", "margins: is not a key; did you mean margin?"),
         (YARD + "start: {theta: 1}", "start.theta: is not a key; there are: x, y, heading"),
         (

@@ -8,7 +8,7 @@ from simulated_drives import VEHICLE, commands_of_pair, driven
 
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import STEERING_LATE, Input, Sensor
-from parameter_identification.drives.measured_from_bag import read_measured_drive
+from parameter_identification.drives.measured_from_bag import measured_drive, read_measured_drive
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
@@ -42,6 +42,18 @@ def test_a_bag_holds_every_sensor_of_the_recording(drive, tmp_path):
         at = np.searchsorted(drive.signals[sensor].time - begin, signal.time - 1e-6)
         values = drive.signals[sensor].values[at, : signal.values.shape[1]]
         np.testing.assert_allclose(signal.values, values, atol=1e-9)
+
+
+def test_a_bag_of_an_earlier_version_is_judged_only(drive, tmp_path):
+    """It does not hold what its steering was made from."""
+    write_bag(recording_of(drive), VEHICLE, SteeringMap(), tmp_path / "bag")
+    earlier = read_drive(tmp_path / "bag")
+    metadata = {k: v for k, v in earlier.metadata.items() if k != "steering_map_from"}
+    earlier = dataclasses.replace(earlier, metadata=metadata)
+    with pytest.raises(
+        IdentificationError, match=r"an earlier version, .*: import the table again"
+    ):
+        measured_drive(earlier, VEHICLE)
 
 
 def test_what_was_not_measured_is_not_in_the_bag(drive, tmp_path):
@@ -176,7 +188,7 @@ def test_an_acceleration_that_was_not_measured_is_no_number(drive, tmp_path):
     with BagReader(tmp_path / "bag") as bag:
         imu = [
             jazzy().deserialize_cdr(data, "sensor_msgs/msg/Imu")
-            for _, _, data in bag.messages({"/imu"})
+            for _, _, data, _ in bag.messages({"/imu"})
         ]
     of_force = [m.linear_acceleration for m in imu if m.linear_acceleration_covariance[0] != -1.0]
     assert [a.x for a in of_force[:100]] == [1.23] * 100

@@ -194,7 +194,8 @@ def test_set_points_of_others_than_the_driver_do_not_count(tmp_path: Path) -> No
 
     def played(tick: int, sender: str, angle: float) -> tuple[int, object]:
         stamp = START + tick * 10**7
-        values = np.array([angle, 0.0]), np.array([0.0, 3.0]), nothing
+        angles = nothing if tick == 50 else np.array([angle, 0.0])  # one tells the speed alone
+        values = angles, np.array([0.0, 3.0]), nothing
         return stamp, TYPES["sensor_msgs/msg/JointState"](header(stamp, sender), joints, *values)
 
     def edit(messages: dict[str, list]) -> None:

@@ -395,6 +395,29 @@ def test_bad_tables_are_one_line_and_status_2(
     assert not bag.exists()
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "told"),
+    [
+        ("ms", "us", r"has \d+ poses in 0\.021 s: .*; or is the unit of time wrong\?"),
+        ("ms", "s", r"a pose every 20 s: is the unit of time wrong\?"),
+    ],
+)
+def test_a_wrong_unit_of_time_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], right: str, wrong: str, told: str
+) -> None:
+    def from_zero(rows: list[str]) -> None:
+        rows[:] = [
+            f"{float(stamp) - 1.7e12:.1f},{rest}"
+            for stamp, _, rest in (row.partition(",") for row in rows)
+        ]
+
+    drive, columns = table(tmp_path / "drive.csv", from_zero), mapping(tmp_path / "mapping.yaml")
+    columns.write_text(columns.read_text().replace(f"unit: {right}", f"unit: {wrong}"))
+    bag = tmp_path / "bag"
+    main(["import", str(drive), "--columns", str(columns), "--output", str(bag)])
+    assert re.search(told, capsys.readouterr().err)
+
+
 @pytest.mark.slow
 def test_the_lines_of_the_page_identify_a_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -44,7 +44,16 @@ def test_a_bag_without_metadata_is_known_by_its_files_whatever_its_name(bags, tm
     assert [bag.name for bag in find_bags("two/torn*")] == ["torn", "torn[1]"]
 
 
-@pytest.mark.parametrize("secret", ["sftp://me:sec*ret@host/bag", "https://host/bag?sig=sec*ret"])
+@pytest.mark.parametrize(
+    "secret",
+    [
+        "sftp://me:sec*ret@host/bag",
+        "https://sec*ret@host/bag",
+        "https://host/bag?sig=sec*ret",
+        "s3://bucket/bag?X-Amz-Signature=sec*ret",
+        "az://container/bag?sv=2022&sig=secret",
+    ],
+)
 def test_a_secret_is_refused_and_not_repeated_in_a_pattern_either(secret):
     with pytest.raises(BagError, match="which results would show") as caught:
         find_bags(secret)

@@ -72,6 +72,18 @@ def test_bags_of_rosbags_are_read(
         assert list(reader.messages({"/nothing"})) == []
         assert reader.topics["/chatter2"].count == 100
         assert reader.topics["/chatter2"].type == STRING
+        assert reader.span == (0, 299)
+
+
+def test_a_database_without_metadata_is_named(tmp_path: Path) -> None:
+    """As rosbag2 leaves it when it is killed."""
+    write_with_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match=r"is not a bag: .*; give the database itself, \S*\.db3$"):
+        BagReader(tmp_path / "bag")
+    (database,) = (tmp_path / "bag").glob("*.db3")
+    with BagReader(database) as reader:
+        assert len(list(reader.messages())) == len(MESSAGES)
 
 
 @pytest.mark.parametrize("kind", ["split", "torn", "unchunked", "sqlite3"])

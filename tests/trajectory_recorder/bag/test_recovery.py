@@ -1,5 +1,8 @@
 """Recovery of bags that other readers refuse."""
 
+import errno
+import os
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +11,7 @@ from mcap.reader import make_reader
 
 from trajectory_recorder.bag.mcap_file import LocalFile
 from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.records import RECORD
 from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import Topic
 from trajectory_recorder.bag.writer import BagWriter, Compression
@@ -39,13 +43,19 @@ def test_a_torn_bag_becomes_one_that_any_reader_opens(bag: Path, tmp_path: Path)
     found = recover(
         bag, tmp_path / "whole", progress=lambda done, total: told.append((done, total))
     )
-    assert (found.damage, found.complete) == ((), False)
+    (damage,) = found.damage
+    at = int(re.search(r"damaged at byte (\d+)", str(damage))[1])
+    assert str(damage).endswith(f"the last {file.stat().st_size - at} bytes are no whole records")
+    assert not found.complete
     assert 0 < found.messages < COUNT
     assert told[-1] == (found.messages, found.messages)
     assert contents(tmp_path / "whole") == [b"%06d" % i for i in range(found.messages)]
     with BagReader(tmp_path / "whole") as reader:
         assert not reader.complete  # what came after the tear is not known
-        assert reader.metadata == {"plan_id": "p", "lost": "parts of a bag that was not whole"}
+        assert reader.metadata == {
+            "plan_id": "p",
+            "lost": "parts of a bag that was not whole; damaged parts of bag: 1",
+        }
     with (tmp_path / "whole" / "whole_0.mcap").open("rb") as stream:
         assert make_reader(stream).get_summary().statistics.message_count == found.messages
 
@@ -61,14 +71,108 @@ def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path, torn: 
     found = recover(bag, tmp_path / "whole")
     (damage,) = found.damage
     assert not found.complete
-    assert "damaged chunk at byte" in str(damage)
+    assert "damaged at byte" in str(damage)
     with BagReader(tmp_path / "whole") as reader:
         assert not reader.complete
-        assert "damaged chunks or files of bag: 1" in reader.metadata["lost"]
+        assert "damaged parts of bag: 1" in reader.metadata["lost"]
     kept = contents(tmp_path / "whole")
     assert len(kept) == found.messages
     assert COUNT - 100 < len(kept) < COUNT
     assert b"%06d" % 1000 not in kept
+
+
+@pytest.mark.parametrize(
+    ("head", "reason"),
+    [
+        (RECORD.pack(Opcode.CHUNK, 2**50), r"damaged at byte \d+: the last \d+ bytes are no whole"),
+        (RECORD.pack(Opcode.FOOTER, 2000), r"damaged at byte \d+: the last \d+ bytes are no whole"),
+        (bytes(9), r"damaged at byte \d+: the last \d+ bytes are no whole records"),
+        (b"\x46", r"damaged at byte \d+: no record has the opcode 70"),
+    ],
+)
+def test_the_damaged_head_of_a_chunk_is_told(
+    bag: Path, tmp_path: Path, head: bytes, reason: str
+) -> None:
+    """Where the summary is lost too, nothing else shows what is left out."""
+    file = bag / "bag_0.mcap"
+    with file.open("rb") as stream:
+        at = make_reader(stream).get_summary().chunk_indexes[5].chunk_start_offset
+    content = bytearray(file.read_bytes())
+    content[at : at + len(head)] = head
+    file.write_bytes(content[:-50])
+    found = recover(bag, tmp_path / "whole")
+    (damage,) = found.damage
+    assert re.search(reason, str(damage))
+    assert f"at byte {at}:" in str(damage)
+    assert not found.complete
+
+
+@pytest.mark.parametrize("part", ["chunk", "summary"])
+def test_what_a_disk_does_not_give_back_is_left_out(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    """Bad sectors: everything else is recovered."""
+    file = bag / "bag_0.mcap"
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    index = summary.chunk_indexes[5]
+    bad = index.chunk_start_offset + 100 if part == "chunk" else file.stat().st_size - 1
+    read = LocalFile.read
+
+    def failing(self: LocalFile, start: int, size: int) -> bytes:
+        if start <= bad < start + size:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(file))
+        return read(self, start, size)
+
+    monkeypatch.setattr(LocalFile, "read", failing)
+    found = recover(bag, tmp_path / "new")
+    if part == "chunk":
+        (damage,) = found.damage
+        assert str(damage) == (
+            f"{file}: damaged at byte {index.chunk_start_offset}: {os.strerror(errno.EIO)}"
+        )
+        assert COUNT - 100 < found.messages < COUNT
+        with BagReader(bag) as reader, pytest.raises(BagError, match="Input/output error"):
+            list(reader.messages())
+    else:
+        assert (found.damage, found.messages, found.complete) == ((), COUNT, False)
+
+
+def test_a_server_that_fails_is_no_damage(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read, answers = LocalFile.read, True
+
+    def answering(self: LocalFile, start: int, size: int) -> bytes:
+        if not answers:
+            raise BagError("no answer")
+        return read(self, start, size)
+
+    monkeypatch.setattr(LocalFile, "read", answering)
+    with BagReader(bag, damaged=lambda damage: None) as reader:
+        answers = False
+        with pytest.raises(BagError, match=r"^no answer$"):
+            list(reader.messages())
+    with pytest.raises(BagError, match=r"^no answer$"):
+        BagReader(bag, damaged=lambda damage: None)
+
+
+def test_messages_whose_topic_is_lost_are_told(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        for i in range(2):
+            topic = writer.add_topic(Topic.of_type(f"/chatter{i}", "std_msgs/msg/String"))
+            writer.write(topic, i, b"%d" % i)
+            writer.flush()
+    file = tmp_path / "bag" / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    at = content.index(b"/chatter1") - 17
+    assert content[at] == Opcode.CHANNEL
+    content[at] = Opcode.METADATA
+    file.write_bytes(content[:-50])
+    found = recover(tmp_path / "bag", tmp_path / "new")
+    assert [str(damage) for damage in found.damage] == [
+        f"{file}: the topics of 1 messages are lost"
+    ]
+    assert not found.complete
+    assert contents(tmp_path / "new") == [b"0"]
 
 
 def test_a_bag_that_lacks_a_file_does_not_become_whole(tmp_path: Path) -> None:
@@ -79,7 +183,10 @@ def test_a_bag_that_lacks_a_file_does_not_become_whole(tmp_path: Path) -> None:
             writer.write(topic, i, b"%d" % i)
     (tmp_path / "bag" / "bag_1.mcap").unlink()
     found = recover(tmp_path / "bag", tmp_path / "new")
-    assert (found.damage, found.complete) == ((), False)
+    assert [str(damage) for damage in found.damage] == [
+        f"{tmp_path / 'bag'}: its file bag_1.mcap is missing"
+    ]
+    assert not found.complete
     assert contents(tmp_path / "new") == [b"0", b"2"]
     with BagReader(tmp_path / "new") as reader:
         assert not reader.complete

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader as RosbagsReader
 
-from trajectory_recorder.bag import writer as bag_writer
+from trajectory_recorder.bag import mcap_output
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter, Compression
@@ -38,7 +38,7 @@ def read_with_rosbags(path: Path) -> list[tuple[str, int, str]]:
     with RosbagsReader(path) as reader:
         return [
             (c.topic, stamp, jazzy().deserialize_cdr(data, c.msgtype).data)  # type: ignore[attr-defined]
-            for c, stamp, data in reader.messages()
+            for c, stamp, data, *_ in reader.messages()
         ]
 
 
@@ -262,7 +262,7 @@ def test_the_summary_of_a_long_bag_is_not_written_over_and_over(
         return count
 
     monkeypatch.setattr(os, "pwritev", counted)
-    monkeypatch.setattr(bag_writer, "_PENDING_BYTES", 2**12)
+    monkeypatch.setattr(mcap_output, "_PENDING_BYTES", 2**12)
     with BagWriter(tmp_path / "bag", compression=Compression.NONE, chunk_size=1) as bag:
         topic = bag.add_topic(chatter())
         for stamp in range(3000):  # a chunk each, with its entry in the summary

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from mcap.writer import Writer
 
 from trajectory_recorder.bag.topics import OfferedQos, Topic
 from trajectory_recorder.bag.writer import BagWriter
@@ -76,6 +77,23 @@ def test_bag_recover(tricycle, bag, tmp_path, capsys):
     assert (found["complete"], found["messages"]) == (False, messages)
 
 
+@pytest.mark.parametrize("torn", [0, 20])
+@pytest.mark.parametrize("verb", ["convert", "recover"])
+def test_attachments_are_not_copied_and_that_is_told(tricycle, tmp_path, capsys, verb, torn):
+    bag = tmp_path / "bag.mcap"
+    with bag.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/chatter", "cdr", schema)
+        writer.add_attachment(0, 0, "camera.yaml", "text/plain", b"a: 1")
+        writer.add_message(channel, 0, b"", 0)
+        writer.finish()
+    bag.write_bytes(bag.read_bytes()[: bag.stat().st_size - torn])
+    assert tricycle("bag", verb, bag, "--output", tmp_path / "new") == 0
+    assert f"{bag}: attachments, which are not copied: 1" in capsys.readouterr().err
+
+
 def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
     file = bag / "bag_0.mcap"
     content = bytearray(file.read_bytes())
@@ -102,6 +120,11 @@ def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
             ("bag", "convert", "{bag}", "--output", "{bag}-new", "--exclude", "/chater"),
             BagError,
             r"no topic of the bag is /chater; did you mean /chatter\?$",
+        ),
+        (
+            ("bag", "convert", "{bag}", "--output", "s3://bucket/part?X-Amz-Signature=secret"),
+            BagError,
+            "^s3://…: bags are written on this computer only; copy it there then$",
         ),
         (
             ("bag", "recover", "{bag}", "--output", "{bag}"),

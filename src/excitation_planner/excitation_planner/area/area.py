@@ -211,6 +211,7 @@ class _File:
 
 _START_KEYS = tuple(field.name for field in fields(_Start))
 _KEYS = (*(field.name for field in fields(_File)), "about")
+_GEOJSON = {"features", "geometry", "geometries", "coordinates"}  # keys, one of which it has
 
 
 def load_area(path: Path) -> Area:
@@ -232,6 +233,11 @@ def load_area(path: Path) -> Area:
     document = parse_yaml(read_bounded(path, MAX_BYTES, "an area", PlanError), where, PlanError)
     if not isinstance(document, dict):
         raise PlanError(f"{where}: needs keep_in: [[x, y], ...], and may have {_listed(_KEYS[1:])}")
+    if not _GEOJSON.isdisjoint(document):
+        raise PlanError(
+            f"{where}: is GeoJSON, in degrees; an area is in metres, in the frame of the poses: "
+            "keep_in: [[x, y], ...]"
+        )
     for name, allowed, values in (
         ("", _KEYS, document),
         ("start.", _START_KEYS, document.get("start")),

@@ -24,24 +24,20 @@ from __future__ import annotations
 import csv
 import fcntl
 import hashlib
-import io
 import json
 import math
-import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
-from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
-from excitation_planner.design.prior import NO_NUISANCES, BoxPrior, NuisanceParameters
-from excitation_planner.design.problem import DesignProblem, Outcome, Search
+from excitation_planner.design.problem import DesignProblem, Outcome
+from excitation_planner.design.study_document import StudyDocument, load_study_document
+from excitation_planner.design.study_files import GrowingTable
 from excitation_planner.design.trajectories import (
     channels_of,
     read_trajectories,
@@ -49,23 +45,11 @@ from excitation_planner.design.trajectories import (
     write_trajectories,
 )
 from tricycle_core.documents import (
-    decode,
     encode,
-    parse_json,
-    read_bounded,
     write_whole,
 )
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
-
-VERSION = 2
-"""Version of the description in ``study.json``; 1 had the criterion H alone."""
-
-MAX_BYTES = 256_000_000
-"""Largest file that is read; a result takes about 30 bytes."""
-
-MAX_RUNS = 10_000_000
-"""Most runs of a study that is read: its samples are drawn on opening."""
 
 FAILED = "failed"
 """Output of a failed simulation."""
@@ -78,112 +62,6 @@ TRAJECTORIES = "trajectories"
 
 _KEPT = ("points.csv", "results.csv", TRAJECTORIES)
 _FILE = re.compile(r"[0-9a-f]{32}\.parquet")
-
-
-@dataclass(frozen=True)
-class StudyDocument:
-    """Content of ``study.json``.
-
-    Attributes
-    ----------
-    version : int
-        Version of the format; see `VERSION`.
-    operation, unknown : mapping of str to (float, float)
-        Ranges by name.
-    target : str or None
-        Unknown parameter to excite.
-    noise_variance : float or TrajectoryErrorNoise
-        For H: variance V_n that noise gives to the output.
-    samples : int
-        Runs per maneuver during the search for H.
-    budget : int
-        Largest number of runs.
-    seed : int
-        Seed of the design.
-    search : Search
-        How the operation box is searched.
-    criterion : Criterion
-        Criterion that is minimised.
-    trajectory_noise : TrajectoryNoise
-        For C, D and A: noise of the trajectory.
-    draws : int
-        For C, D and A: parameter values over which the criterion is averaged.
-    prior : BoxPrior, optional
-        For C, D and A: knowledge of the parameters before the drive; None: uniform.
-    nuisances : NuisanceParameters
-        For C, D and A: further uncertain inputs of f (nuisance parameters).
-
-    Raises
-    ------
-    DesignError
-        If a number is out of range.
-    """
-
-    version: int
-    operation: dict[str, tuple[float, float]]
-    unknown: dict[str, tuple[float, float]]
-    target: str | None
-    noise_variance: float | TrajectoryErrorNoise
-    samples: int
-    budget: int
-    seed: int
-    search: Search
-    criterion: Criterion = Criterion.H
-    trajectory_noise: TrajectoryNoise = TrajectoryNoise()  # noqa: RUF009  (frozen)
-    draws: int = 1
-    prior: BoxPrior | None = None
-    nuisances: NuisanceParameters = NO_NUISANCES
-
-    def __post_init__(self) -> None:
-        for name, high in (
-            *(("samples", MAX_RUNS), ("budget", MAX_RUNS)),
-            *(("seed", 2**63), ("draws", MAX_RUNS)),
-        ):
-            if not 0 <= getattr(self, name) <= high:
-                raise DesignError(f"{name} must be a whole number from 0 to {high}")
-
-    @classmethod
-    def of(cls, problem: DesignProblem) -> Self:
-        """Return the description of a problem."""
-        noise = problem.noise_variance
-        if callable(noise) and not isinstance(noise, TrajectoryErrorNoise):
-            raise DesignError(
-                "a study needs a noise variance that is a number or TrajectoryErrorNoise"
-            )
-        return cls(
-            version=VERSION,
-            operation=problem.operation.bounds(),
-            unknown=problem.unknown.bounds(),
-            target=problem.target,
-            noise_variance=noise,
-            samples=problem.samples,
-            budget=problem.budget,
-            seed=problem.seed,
-            search=problem.search,
-            criterion=problem.criterion,
-            trajectory_noise=problem.trajectory_noise,
-            draws=problem.draws,
-            prior=problem.prior,
-            nuisances=problem.nuisances,
-        )
-
-    def problem(self) -> DesignProblem:
-        """Return the problem that is described."""
-        return DesignProblem(
-            operation=Box.of(self.operation),
-            unknown=Box.of(self.unknown),
-            target=self.target,
-            criterion=self.criterion,
-            noise_variance=self.noise_variance,
-            trajectory_noise=self.trajectory_noise,
-            samples=self.samples,
-            draws=self.draws,
-            budget=self.budget,
-            seed=self.seed,
-            search=self.search,
-            prior=self.prior,
-            nuisances=self.nuisances,
-        )
 
 
 class Store:
@@ -211,8 +89,8 @@ class Store:
         self._outputs: dict[int, dict[int, float | str]] = {}
         self._reasons: dict[int, str] = {}  # point -> why it is infeasible
         names = problem.operation.names
-        self._points_file = _Lines(path / "points.csv", ["point", "verification", *names])
-        self._results_file = _Lines(path / "results.csv", ["point", "sample", "output"])
+        self._points_file = GrowingTable(path / "points.csv", ["point", "verification", *names])
+        self._results_file = GrowingTable(path / "results.csv", ["point", "sample", "output"])
         self.refresh()
 
     def refresh(self) -> None:
@@ -257,7 +135,7 @@ class Store:
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open the store in a directory."""
-        described = _described(path)
+        described = load_study_document(path)
         try:
             problem = described.problem()
         except DesignError as error:
@@ -282,7 +160,7 @@ class Store:
         """
         described = encode(StudyDocument.of(problem))
         if (path / "study.json").exists():
-            kept = encode(_described(path))
+            kept = encode(load_study_document(path))
             different = sorted(
                 key for key in described if key != "version" and kept[key] != described[key]
             )
@@ -601,93 +479,3 @@ class Store:
             fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed
             self.refresh()
             yield
-
-
-# --- files ----------------------------------------------------------------------------------------
-
-
-def csv_text(rows: Iterable[Iterable[object]]) -> str:
-    """Return rows as the text of a CSV file.
-
-    Parameters
-    ----------
-    rows : iterable
-        Rows, each an iterable of cells.
-    """
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
-
-
-def read_study_file(path: Path) -> bytes:
-    """Return the content of a file of a study.
-
-    Parameters
-    ----------
-    path : Path
-        File of a study, or of outputs for one.
-    """
-    return read_bounded(path, MAX_BYTES, "a file of a study", DesignError)
-
-
-class _Lines:
-    """CSV file that grows by whole lines, and what of it has been read.
-
-    Parameters
-    ----------
-    path : Path
-        File; may be missing.
-    header : list of str
-        Cells of the first line.
-    """
-
-    def __init__(self, path: Path, header: list[str]) -> None:
-        self._path, self._header, self._read = path, header, 0
-
-    def new(self) -> list[list[str]]:
-        """Rows that were added since the last call, without a last line that is not whole."""
-        if not self._path.exists():
-            return []
-        with self._path.open("rb") as file:
-            file.seek(self._read)
-            whole = file.read(MAX_BYTES + 1)
-        if len(whole) > MAX_BYTES:
-            raise DesignError(f"{self._path}: larger than {MAX_BYTES} bytes")
-        kept = whole[: whole.rfind(b"\n") + 1]
-        rows = list(csv.reader(io.StringIO(kept.decode())))
-        first, self._read = self._read == 0, self._read + len(kept)
-        return rows[1:] if first else rows
-
-    def begin_again(self) -> None:
-        """Have `new` return all rows again."""
-        self._read = 0
-
-    def append(self, rows: list[list[object]]) -> None:
-        """Add rows to what has been read, and wait until they are on disk."""
-        if not rows:
-            return
-        text = csv_text(rows if self._read else [self._header, *rows]).encode()
-        with self._path.open("ab") as file:
-            file.truncate(self._read)  # a line cut off by a crash
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        self._read += len(text)
-
-
-def _described(path: Path) -> StudyDocument:
-    return decode(StudyDocument, _load(path), str(path / "study.json"), DesignError)
-
-
-def _load(path: Path) -> dict[str, Any]:
-    file = path / "study.json"
-    if not file.exists():
-        raise DesignError(f"{path}: holds no study (study.json is missing)")
-    kept = parse_json(read_study_file(file), str(file), DesignError)
-    if not isinstance(kept, dict) or "version" not in kept:
-        raise DesignError(f"{file}: is not the description of a study")
-    if kept["version"] not in (1, VERSION):
-        raise DesignError(
-            f"{path}: study of version {kept['version']!r}; this program reads 1 and {VERSION}"
-        )
-    return kept

@@ -37,9 +37,8 @@ from excitation_planner.design.store import (
     FAILED,
     INFEASIBLE,
     Store,
-    csv_text,
-    read_study_file,
 )
+from excitation_planner.design.study_files import csv_text, read_study_file
 from excitation_planner.design.trajectories import channels_of, read_trajectories
 from excitation_planner.indices.sensitivity import real_outputs
 from excitation_planner.indices.threads import THREADPOOLS

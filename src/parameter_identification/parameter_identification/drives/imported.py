@@ -17,6 +17,7 @@ from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.drives.measured_from_bag import (
     FROM_POSES,
     FROM_TURNS,
+    GIVEN,
     SPEED_SOURCE,
     STEERING_SOURCE,
     TURN_STD,
@@ -123,8 +124,7 @@ def write_bag(
     metadata = {IMPORTED_FROM: recording.name}
     if "speed_command" not in recording.more:
         metadata[SPEED_SOURCE] = FROM_POSES
-    if isinstance(steering, EstimatedMap):
-        metadata[STEERING_SOURCE] = FROM_TURNS
+    metadata[STEERING_SOURCE] = FROM_TURNS if isinstance(steering, EstimatedMap) else GIVEN
     rows = list(_sensed(recording, vehicle, steering))
     start = _start(recording)
     if start is not None:

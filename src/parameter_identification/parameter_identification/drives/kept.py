@@ -19,7 +19,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
-FORMAT = 6  # counted up with what is read of a bag, so that older files are read anew
+FORMAT = 7  # counted up with what is read of a bag, so that older files are read anew
 
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
@@ -163,6 +163,18 @@ def beginning_of(file: Path) -> float:
     """
     with _arrays_of(file) as arrays:
         return float(arrays["began"])
+
+
+def steering_late_of(file: Path) -> float:
+    """Return by how much the steering of a kept drive may be late [s].
+
+    Parameters
+    ----------
+    file : Path
+        Written by `keep`.
+    """
+    with _arrays_of(file) as arrays:
+        return float(arrays["steering_late"])
 
 
 def is_kept(file: Path) -> bool:

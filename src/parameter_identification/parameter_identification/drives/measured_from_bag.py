@@ -33,7 +33,7 @@ from tricycle_sim.vehicle import Vehicle
 VEHICLE_HASH = "vehicle_hash"  # in the record of a bag of `tricycle drive`
 # in the record of an imported bag
 SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"
-STEERING_SOURCE, FROM_TURNS = "steering_map_from", "turns"
+STEERING_SOURCE, FROM_TURNS, GIVEN = "steering_map_from", "turns", "mapping"
 TURN_STD = "steering_curvature_std"  # 1/m, of set-points that were made from measured angles
 
 
@@ -78,13 +78,18 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
     JudgeError
         If a sensor's value is infinite. NaN means not measured, and is skipped.
     IdentificationError
-        If it holds no commands, or they were made from its poses.
+        If it holds no commands, or they were made from its poses, or may have been.
     """
     if made := _made_from_poses(drive.metadata):
         raise IdentificationError(
             f"{drive.bag}: {made}, for the nominal vehicle, and would be taken for knowledge of "
             "the one that drove; identify from the table: `tricycle identify TABLE --columns "
             "MAPPING`"
+        )
+    if IMPORTED_FROM in drive.metadata and STEERING_SOURCE not in drive.metadata:
+        raise IdentificationError(
+            f"{drive.bag}: imported by an earlier version, which did not note how uncertain the "
+            "steering is: import the table again"
         )
     if drive.commands is None:
         raise IdentificationError(

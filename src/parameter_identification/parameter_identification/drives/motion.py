@@ -72,9 +72,10 @@ def motion_of(recording: Recording) -> Motion:
         )
     time = np.arange(recording.time[0], recording.time[-1], TICK)
     if len(time) < FILTER[0] or len(recording.time) < LEAST:
+        unit = "; or is the unit of time wrong?" if len(recording.time) >= LEAST else ""
         raise IdentificationError(
             f"{recording.name}: has {len(recording.time)} poses in {length:.2g} s: needs {LEAST}, "
-            "and 0.2 s, at least"
+            f"and 0.2 s, at least{unit}"
         )
     x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
     rough = np.hypot(*(savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y)))

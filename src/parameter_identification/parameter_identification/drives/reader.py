@@ -137,7 +137,7 @@ class _Collector:
             name: [] for name in (self.state, self.readiness, self.diagnostics)
         }
         wanted = ({self.pose} | latched.keys() | every.keys() | timed.keys()) - {""}
-        for name, recorded, data in self.reader.messages(wanted):
+        for name, recorded, data, _ in self.reader.messages(wanted):
             if name in latched and data in latched[name]:  # repeated at the beginning of each file
                 continue
             message = self._message(name, data)
@@ -190,7 +190,7 @@ class _Collector:
 
     def way_back(self) -> PlanarTrajectory | None:
         poses, returning, found = self._pose_collector(), False, False
-        for name, _, data in self.reader.messages({self.pose, self.state}):
+        for name, _, data, _ in self.reader.messages({self.pose, self.state}):
             message = self._message(name, data)
             if name == self.state:
                 returning = self._state(message).state is PlaybackState.RETURNING
@@ -258,10 +258,11 @@ class _Collector:
             return None
         end = stamp_of(own[-1].poses[-1]) * 1e-9
         rows = [
-            (elapsed, setpoint.position[setpoint.name.index(STEERING_JOINT)])
+            (elapsed, angle)
             for setpoint in played
-            if STEERING_JOINT in setpoint.name
-            and 0.0 <= (elapsed := (stamp_of(setpoint) - start) * 1e-9) < end
+            if 0.0 <= (elapsed := (stamp_of(setpoint) - start) * 1e-9) < end
+            for name, angle in zip(setpoint.name, setpoint.position, strict=False)
+            if name == STEERING_JOINT
         ]
         time, angle = np.array(sorted(rows), dtype=np.float64).reshape(-1, 2).T
         return SteeredLeadIn(end, time, angle)

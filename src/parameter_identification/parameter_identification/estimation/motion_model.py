@@ -435,9 +435,7 @@ class MotionModel:
 
     def _of_effect(self, effect: Effect) -> list[Nuisance]:
         """An effect, or the values of a deviation at its knots."""
-        names, low = [effect.name], effect.low
-        if effect.name == SERVO_DEAD_TIME:
-            low -= self.drive.steering_late
+        names, low = [effect.name], lowest(effect, self.drive.steering_late)
         if effect.name == START_DEVIATION:  # of a vehicle that stands, and has a speed loop
             stands = abs(self.drive.start.speed) < RESTING
             knots = len(START) - 2 if stands and self._vehicle.has_speed_loop else 0
@@ -497,6 +495,19 @@ def _compared(
         left_out |= {Sensor.WHEEL_SPEED}
     signals = {s: signal for s, signal in drive.signals.items() if s not in left_out}
     return dataclasses.replace(drive, signals=signals), columns
+
+
+def lowest(effect: Effect, steering_late: float) -> float:
+    """Return the least value of an effect in drives whose steering may have been logged late.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    steering_late : float
+        As of `MeasuredDrive` [s].
+    """
+    return effect.low - (steering_late if effect.name == SERVO_DEAD_TIME else 0.0)
 
 
 def _follow(

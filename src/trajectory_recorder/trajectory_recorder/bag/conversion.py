@@ -78,7 +78,6 @@ def convert(
         if not any(topic.count for topic in joined.values()) or not spans:
             raise BagError("no message is left to write")
         begin = min(first for first, _ in spans) + round(start * 1e9)
-        end = begin + duration * 1e9
         if begin > max(last for _, last in spans):
             raise BagError(f"no message is left to write: the bags are shorter than {start:g} s")
         new = BagWriter(
@@ -96,10 +95,11 @@ def convert(
             key=lambda message: message.stamp,
         )
         for done, message in enumerate(merged, start=1):
-            if message.stamp > end:
+            if message.stamp - begin > duration * 1e9:  # a sum would lose some hundred ns
                 break
             if message.stamp >= begin or joined[message.topic].latched:
-                writer.write(ids[message.topic], max(message.stamp, begin), message.data)
+                stamp = max(message.stamp, begin)
+                writer.write(ids[message.topic], stamp, message.data, message.published)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
         if not writer.messages:

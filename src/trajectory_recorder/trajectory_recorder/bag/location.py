@@ -58,16 +58,19 @@ def bag_path(text: str) -> Path:
 def _check_no_secret(scheme: str, rest: str) -> None:
     """Refuse a URL with a password or a signature, without repeating it."""
     # a password may hold a slash, and a path an @: of digits it is a port
-    _, colon, port = rest.partition("/")[0].partition("@")[0].partition(":")
-    if colon and "@" in rest and ("@" in rest.partition("/")[0] or not port.isdigit()):
+    host, web = rest.partition("/")[0], scheme in ("http", "https")
+    _, colon, port = host.partition("@")[0].partition(":")
+    secret = colon and "@" in rest and ("@" in host or not port.isdigit())
+    if secret or (web and "@" in host):  # before it, a token of a web server
         raise BagError(
             f"{scheme}://…: no password in a URL, which results would show: set it in the "
             "environment or in the configuration of fsspec"
         )
-    if scheme in ("http", "https") and "?" in rest:
+    address, _, query = rest.partition("?")
+    if query and (web or "=" in query):  # in names of others is a "?" too
         raise BagError(
-            f"{scheme}://{rest.partition('?')[0]}?…: no query in a URL, which results would show: "
-            "use the store's own URL (s3://…), or download the bag"
+            f"{scheme}://{address}?…: no query in a URL, which results would show: use the store's "
+            "own URL (s3://…) and a key from the environment, or download the bag"
         )
 
 

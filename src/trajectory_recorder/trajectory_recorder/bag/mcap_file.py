@@ -38,12 +38,17 @@ from tricycle_core.errors import BagError
 
 _DAMAGED = (
     *(struct.error, ValueError, RuntimeError, MemoryError, OverflowError),
-    *(zstandard.ZstdError, McapError),
+    *(zstandard.ZstdError, McapError, OSError),
 )
 
 _TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_ENDS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}  # what ends the data, with its length [bytes]
+_RESERVED = set(range(0x80)) - {int(opcode) for opcode in Opcode}  # beyond: of other programs
 
 _RUN = 4 * 2**20  # bytes of wanted chunks, one behind the other, that are fetched together
+
+# channel, stamp and time of publication of a message, start and end of its data
+_Found = tuple[int, int, int, int, int]
 
 MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
 
@@ -159,6 +164,7 @@ class McapFile:
         self._source = source
         self._read = source.read
         self.metadata: dict[str, str] = {}
+        self.attachments = 0
         self._damaged = damaged
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -167,22 +173,19 @@ class McapFile:
         self.size = source.size
         self.complete = False
         try:
-            if part and self.size < len(MAGIC):  # killed when it began this part
+            if not self._is_mcap(part):
                 return
+            footer = None
             try:
-                self._check_magic()
-            except BagError as error:
-                if not part or damaged is None:
-                    raise
-                damaged(error)
-                return
-            footer = self._read_footer()
-            try:
+                footer = self._read_footer()
                 self.complete = footer is not None and self._read_summary(footer)
+            except BagError:  # a server that fails is no damage
+                raise
             except _DAMAGED:
                 self.complete = False
             if not self.complete:
                 self.complete = self._scan() and footer is not None
+                self.complete &= self._channels_are_known()
         except BaseException:
             self.close()
             raise
@@ -261,29 +264,42 @@ class McapFile:
             # what recovers does without the indexes, which may be damaged too
             indexed = indexes and self._damaged is None
             found = self._indexed(data, indexes) if indexed else _messages(data)
+        except BagError:
+            raise
         except _DAMAGED as error:
             failure = self._failure(chunk.offset, error)
             if self._damaged is None:
                 raise failure from error
             self._damaged(failure)
             return
-        for channel_id, stamp, start, end in found:
+        for channel_id, stamp, published, start, end in found:
             if channel_id in names:
-                yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
+                content = bytes(data[start:end])
+                # a time that was not recorded is written as the stamp
+                known = None if published == stamp else published
+                yield RecordedMessage(names[channel_id], stamp, content, known)
 
     def _failure(self, offset: int, error: Exception) -> BagError:
-        return BagError(f"{self.path}: damaged chunk at byte {offset}: {error}")
+        why = error.strerror if isinstance(error, OSError) else error
+        return BagError(f"{self.path}: damaged at byte {offset}: {why}")
 
     def close(self) -> None:
         """Close the file."""
         self._source.close()
 
-    def _check_magic(self) -> None:
-        if self._read(0, len(MAGIC)) != MAGIC:
-            what = "is empty" if self.size == 0 else "is not an MCAP file"
-            raise BagError(f"{self.path} {what}")
+    def _is_mcap(self, part: bool) -> bool:
+        """Whether it begins as an MCAP file; an error or damage where it does not."""
+        if self._read(0, len(MAGIC)) == MAGIC:
+            return True
+        what = "is empty" if self.size == 0 else "is not an MCAP file"
+        error = BagError(f"{self.path} {what}")
+        if part and self._damaged is not None:
+            self._damaged(error)
+        elif not part or self.size >= len(MAGIC):  # otherwise killed when it began this part
+            raise error
+        return False
 
-    def _indexed(self, data: Buffer, indexes: list[int]) -> list[tuple[int, int, int, int]]:
+    def _indexed(self, data: Buffer, indexes: list[int]) -> list[_Found]:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
         entries: list[tuple[int, int]] = []  # offset, stamp
         for index in indexes:
@@ -297,10 +313,10 @@ class McapFile:
         for offset, stamp in sorted(entries):
             opcode, length = RECORD.unpack_from(data, offset)
             start = offset + RECORD.size
-            channel_id, _, log_time, _ = MESSAGE.unpack_from(data, start)
+            channel_id, _, log_time, published = MESSAGE.unpack_from(data, start)
             if opcode != Opcode.MESSAGE or log_time != stamp or start + length > len(data):
                 raise ValueError("its message index is wrong")
-            found.append((channel_id, stamp, start + MESSAGE.size, start + length))
+            found.append((channel_id, stamp, published, start + MESSAGE.size, start + length))
         return found
 
     def _read_footer(self) -> Footer | None:
@@ -363,26 +379,31 @@ class McapFile:
         ):  # a summary need not repeat them
             return False
         self._counts.update(statistics.channel_message_counts)
+        self.attachments = statistics.attachment_count
         return True
 
     def _scan(self) -> bool:
         """Take channels and chunks from the data; whether there is no damage.
 
-        What comes after a damaged record is taken too where damage is told.
+        What comes after a damaged record is taken too where damage is told, as far as its length
+        shows where that is.
         """
         self._chunks.clear()
         offset, whole = len(MAGIC), True
         while offset < self.size:
-            head = self._read(offset, RECORD.size)
-            if len(head) < RECORD.size:
-                return False
-            opcode, length = RECORD.unpack(head)
-            end = offset + RECORD.size + length
-            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                return whole
-            if opcode == 0 or end > self.size:  # no record begins with zero: it was never written
-                return False
+            end = self.size
             try:
+                head = self._read(offset, RECORD.size)
+                opcode, length = RECORD.unpack(head.ljust(RECORD.size, b"\0"))
+                if _ENDS.get(opcode) == length:
+                    return whole
+                # what begins with 0 was never written
+                if opcode in (0, *_ENDS) or offset + RECORD.size + length > self.size:
+                    raise ValueError(f"the last {self.size - offset} bytes are no whole records")
+                end = offset + RECORD.size + length
+                if opcode in _RESERVED:
+                    raise ValueError(f"no record has the opcode {opcode}")
+                self.attachments += opcode == Opcode.ATTACHMENT
                 if opcode in _TAKEN:
                     record = self._read(offset, end - offset)
                     chunk = opcode == Opcode.CHUNK
@@ -393,13 +414,24 @@ class McapFile:
                     elif opcode == Opcode.MESSAGE:
                         _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
                         self._chunks.append(_Chunk(offset, end - offset, stamp, stamp, plain=True))
+            except BagError:
+                raise
             except _DAMAGED as error:
+                if self._damaged is None and isinstance(error, OSError):
+                    raise
                 if self._damaged is None:
                     return False
                 self._damaged(self._failure(offset, error))
                 whole = False
             offset = end
         return False
+
+    def _channels_are_known(self) -> bool:
+        """Whether the topics of all messages are known: of some they may be in what is lost."""
+        lost = sum(n for channel, n in self._counts.items() if channel not in self._channels)
+        if lost and self._damaged is not None:
+            self._damaged(BagError(f"{self.path}: the topics of {lost} messages are lost"))
+        return not lost
 
     def _take_records(self, data: Buffer) -> None:
         for opcode, start, length in split_records(data):
@@ -434,13 +466,13 @@ def _runs(chunks: list[_Chunk]) -> list[tuple[int, int]]:
     return runs
 
 
-def _messages(data: Buffer) -> list[tuple[int, int, int, int]]:
-    """Channel, stamp, start and end of the data of each message in a chunk."""
+def _messages(data: Buffer) -> list[_Found]:
+    """Messages in a chunk."""
     found = []
     for opcode, start, length in split_records(data):
         if opcode == Opcode.MESSAGE:
-            channel_id, _, stamp, _ = MESSAGE.unpack_from(data, start)
-            found.append((channel_id, stamp, start + MESSAGE.size, start + length))
+            channel_id, _, stamp, published = MESSAGE.unpack_from(data, start)
+            found.append((channel_id, stamp, published, start + MESSAGE.size, start + length))
     return found
 
 

@@ -37,8 +37,9 @@ class BagReader(Closing):
     path : Path or str
         The bag, or its URL.
     damaged : callable, optional
-        Called for each damaged chunk, and each file of a split bag that is no MCAP file, which are
-        then passed over. Default: damage raises.
+        Called for each damaged chunk, the torn end of a file, and each file of a split bag that is
+        missing or no MCAP file, which are then passed over. Default: damage raises, and a file is
+        read up to its torn end.
 
     Attributes
     ----------
@@ -48,6 +49,8 @@ class BagReader(Closing):
         Topics by name; counts are those of the whole bag.
     metadata : dict of str to str
         Notes of the recorder about the drive.
+    attachments : int
+        Number of files in it, as MCAP may have; they are not read.
     complete : bool
         False if a file was cut off, by a killed recorder for example, or is missing, the recorder
         lost messages, or the disk ended the recording; what is left is read.
@@ -98,9 +101,13 @@ class BagReader(Closing):
                 raise BagError(f"{path} is an empty bag: no topic was recorded{cut}")
             self.kind = self._storages[0].kind
             self.files = [file for storage in self._storages for file in storage.files]
-            self.complete &= not _missing(path, information, files)
+            for missing in sorted(_missing(path, information, files)):
+                self.complete = False
+                if damaged is not None:
+                    damaged(BagError(f"{path}: its file {missing} is missing"))
             self.complete &= self.metadata.keys().isdisjoint((LOST, FAILURE))
             self.size = sum(storage.size for storage in self._storages)
+            self.attachments = sum(storage.attachments for storage in self._storages)
             spans = [storage.span for storage in self._storages if storage.span]
             self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
             self._closing = stack.pop_all()
@@ -196,6 +203,8 @@ def _open_storages(
         levels = ("*/metadata.yaml", "*/*/metadata.yaml")  # of a series, of a campaign
         inside = [file.parent for level in levels for file in sorted(path.glob(level))]
         hint = f"; it holds bags, as {inside[0]}" if inside else ""
+        if databases := sorted(path.glob("*.db3")):  # of a recorder that was killed
+            hint = f"; give the database itself, {databases[0]}"
         raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file{hint}")
 
 

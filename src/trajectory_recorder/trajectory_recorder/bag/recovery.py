@@ -22,21 +22,24 @@ class Recovery(NamedTuple):
     messages : int
         Number of messages recovered.
     damage : tuple of BagError
-        One error for each chunk, and each file of a split bag, that was left out.
+        One error for each chunk, torn end of a file, and file of a split bag, that was left out.
     complete : bool
         Whether the new bag is whole: nothing was left out, and the old one was `complete`.
+    attachments : int
+        Number of files in the old bag, which are not copied.
     """
 
     messages: int
     damage: tuple[BagError, ...]
     complete: bool
+    attachments: int
 
 
 def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Recovery:
     """Copy what is readable of a bag to a new one that any reader opens.
 
-    Damaged chunks, and damaged files of a split bag, are left out. The metadata of the new bag say
-    so, also where a file was cut off or is missing; it is not whole then.
+    Damaged chunks, torn ends of files, and damaged files of a split bag, are left out. The metadata
+    of the new bag say so, also where a file is missing; it is not whole then.
 
     `BagReader` reads torn bags as they are; this is for other readers, which want the summary that
     a process killed within a write did not finish, and for bags damaged later.
@@ -68,11 +71,12 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
         ids = {name: writer.add_topic(topic) for name, topic in reader.topics.items()}
         total = sum(topic.count for topic in reader.topics.values())
         for done, message in enumerate(chain([first], messages), start=1):
-            writer.write(ids[message.topic], message.stamp, message.data)
+            writer.write(ids[message.topic], message.stamp, message.data, message.published)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
         if damage:
-            lost = f"damaged chunks or files of {bag.name}: {len(damage)}"
+            lost = f"damaged parts of {bag.name}: {len(damage)}"
             known = writer.metadata.get(LOST)
             writer.metadata[LOST] = f"{known}; {lost}" if known else lost
-        return Recovery(writer.messages, tuple(damage), reader.complete and not damage)
+        complete = reader.complete and not damage
+        return Recovery(writer.messages, tuple(damage), complete, reader.attachments)

@@ -24,6 +24,7 @@ class RosbagsStorage:
     """
 
     complete = True
+    attachments = 0
     fetched = 0
 
     def __init__(self, path: Path, files: list[Path]) -> None:
@@ -40,7 +41,8 @@ class RosbagsStorage:
             self.size = sum(file.stat().st_size for file in files)
             self.topics = [_rosbags_topic(c) for c in self._reader.connections]
             found = self._reader.message_count > 0
-            self.span = (self._reader.start_time, self._reader.end_time) if found else None
+            # the end is the ns behind the last stamp
+            self.span = (self._reader.start_time, self._reader.end_time - 1) if found else None
         except Exception as error:  # what is damaged comes up as an error of any kind
             raise BagError(f"{path}: {message_of(error)}") from error
 

@@ -8,7 +8,7 @@ from trajectory_recorder.bag.topics import Topic
 from tricycle_core.errors import BagError
 
 Damaged = Callable[[BagError], None]
-"""Called for each damaged chunk, and each file of a split bag that is no MCAP file."""
+"""Called with each part of a bag that cannot be read: `BagReader` lists them."""
 
 
 class RecordedMessage(NamedTuple):
@@ -22,11 +22,14 @@ class RecordedMessage(NamedTuple):
         Time of receipt by the recorder's clock [ns].
     data : bytes
         Serialised message (CDR).
+    published : int, optional
+        Time of its publication [ns], where that was recorded too.
     """
 
     topic: str
     stamp: int
     data: bytes
+    published: int | None = None
 
 
 class Block(NamedTuple):
@@ -42,6 +45,7 @@ class Storage(Protocol):
 
     complete: bool
     metadata: dict[str, str]
+    attachments: int  # files in it, as MCAP may have
 
     @property
     def kind(self) -> str:

@@ -197,10 +197,14 @@ class Topic:
         Raises
         ------
         BagError
-            If type or encoding differ.
+            If type, its definition or encoding differ.
         """
         if self.type != other.type:
             raise BagError(f"{self.name} has two types, {self.type} and {other.type}")
+        if self.type_hash != other.type_hash and self.type_hash and other.type_hash:
+            raise BagError(
+                f"{self.name} has two definitions of its type {self.type}, of different versions"
+            )
         if self.encoding != other.encoding:
             raise BagError(f"{self.name} has two encodings, {self.encoding} and {other.encoding}")
 

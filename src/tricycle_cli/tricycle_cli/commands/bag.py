@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,15 +39,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    info = verbs.add_parser("info", help="time, files, topics, types, counts, metadata")
+    add_verb = partial(verbs.add_parser, formatter_class=parser.formatter_class)  # with defaults
+    info = add_verb("info", help="time, files, topics, types, counts, metadata")
     info.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     info.add_argument("--json", action="store_true", help="print one JSON object")
     info.set_defaults(run=run_info)
-    new = verbs.add_parser("convert", help="write parts of bags, or several bags, as a new one")
+    new = add_verb("convert", help="write parts of bags, or several bags, as a new one")
     add = new.add_argument
     add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
     add("--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)")
-    add("--topics", nargs="+", metavar="TOPIC", default=["*"], help="names; * and ? match anything")
+    names = "names; * and ? match anything (default: all)"
+    add("--topics", nargs="+", metavar="TOPIC", default=["*"], help=names)
     add("--exclude", nargs="+", metavar="TOPIC", default=[], help="names to leave out, of those")
     add(
         "--start",
@@ -67,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--split-duration", type=nonnegative_number, default=0.0, metavar="S", help=new_file)
     add("--json", action="store_true", help="print one JSON object")
     new.set_defaults(run=run_convert)
-    again = verbs.add_parser("recover", help="copy what is readable of a damaged bag to a new one")
+    again = add_verb("recover", help="copy what is readable of a damaged bag to a new one")
     again.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     again.add_argument(
         "--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)"
@@ -158,7 +161,7 @@ def run_convert(args: argparse.Namespace) -> int:
     from trajectory_recorder.bag.conversion import convert
     from trajectory_recorder.bag.reader import NOT_WHOLE, BagReader
     from trajectory_recorder.bag.writer import Compression
-    from trajectory_recorder.recording import chosen
+    from trajectory_recorder.topic_patterns import chosen
 
     names: set[str] = set()
     for path in args.bags:
@@ -166,6 +169,7 @@ def run_convert(args: argparse.Namespace) -> int:
             names |= bag.topics.keys()
             if not bag.complete:
                 print(f"{path}: {NOT_WHOLE}", file=sys.stderr)
+            _tell_attachments(path, bag.attachments)
     topics = chosen(names, args.topics, args.exclude)
     with progress_bar("converting") as progress:
         messages = convert(
@@ -186,6 +190,11 @@ def run_convert(args: argparse.Namespace) -> int:
     return 0
 
 
+def _tell_attachments(bag: Path, number: int) -> None:
+    if number:
+        print(f"{bag}: attachments, which are not copied: {number}", file=sys.stderr)
+
+
 def run_recover(args: argparse.Namespace) -> int:
     """Copy what is readable.
 
@@ -203,6 +212,7 @@ def run_recover(args: argparse.Namespace) -> int:
         print(f"left out: {chunk}", file=sys.stderr)
     if not found.complete:
         print(f"{args.bag}: {NOT_WHOLE}", file=sys.stderr)
+    _tell_attachments(args.bag, found.attachments)
     if args.json:
         result = {
             "bag": str(args.output),

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from parameter_identification.drives.imported import write_bag
+    from parameter_identification.drives.samples import MAX_GAP
     from parameter_identification.drives.table import EstimatedMap, load_columns, read_recording
     from parameter_identification.drives.windows import steering_of
     from trajectory_recorder.bag.writer import check_new
@@ -59,6 +60,9 @@ def run(args: argparse.Namespace) -> int:
     steering = steering_of(recording, vehicle, columns)
     start = write_bag(recording, vehicle, steering, args.output)
     print(f"{len(recording.time)} poses in {args.output}")
+    apart = (recording.time[-1] - recording.time[0]) / (len(recording.time) - 1)
+    if apart > MAX_GAP:
+        print(f"a pose every {apart:.3g} s: is the unit of time wrong?", file=sys.stderr)
     estimated = isinstance(steering, EstimatedMap)
     if estimated:
         print(f"{steering}: that of nominal tyres, which `tricycle identify` of the table corrects")
