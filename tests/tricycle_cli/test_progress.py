@@ -16,3 +16,12 @@ def test_a_bar_is_wiped_where_its_work_fails(fails, capsys, monkeypatch):
     assert "working" in shown
     assert ("1/2" if fails else "1/1") in shown  # done, though it might have taken more
     assert shown.endswith("\x1b[1A\x1b[2K") == fails
+
+
+def test_a_long_description_leaves_room_for_count_and_times(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with progress_bar("planning double_lane_change for camber_stiffness") as report:
+        report(12_406, 12_406)
+    shown = capsys.readouterr().err
+    assert "planning double_lane_change for camber" in shown
+    assert "12406/12406 0:00:00 left 0:00:00" in shown
