@@ -59,7 +59,8 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.operation.processes import asked_domain
 
     console = plain_console()
-    if not (args.json or console.is_terminal):
+    drawn = console.is_terminal and not console.is_dumb_terminal
+    if not (args.json or drawn):
         raise NodeError("monitor draws in a terminal; into a file or a pipe: --json")
     domain = asked_domain() or 0
     where = f"domain {domain}" + (f", namespace {args.namespace}" if args.namespace else "")
