@@ -364,7 +364,7 @@ def _parameter_rows(node: Any) -> list[tuple[str, ...]]:
         span = f"{ranges[0].from_value:g} … {ranges[0].to_value:g}" if ranges else ""
         default = node.get_parameter(name).value if name != "bag" else ""
         shown = "" if default in ("", [""]) else f"`{default}`"
-        fixed = "at start" if of.read_only else "any time"
+        fixed = "at start" if of.read_only else of.additional_constraints or "any time"
         rows.append((f"`{name}`", shown, span, fixed, of.description))
     return rows
 

@@ -357,6 +357,7 @@ def test_without_anything_the_preflight_says_what_is_missing():
     assert [i.name for i in items if i.level is Level.ERROR] == [
         "plan", "vehicle", "localisation", "standstill"
     ]  # fmt: skip
+    assert "no speed on odom; it must stand still" in {i.message for i in items}
 
 
 def test_a_pose_that_jumps_at_rest_refuses_the_start_until_it_has_stayed_for_a_second():

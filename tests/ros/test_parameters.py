@@ -54,7 +54,7 @@ def test_launch_files_set_only_parameters_that_exist(declared, file):
     ("name", "parameter"),
     [
         ("excitation_planner", "criterion (c)"),
-        ("tricycle_bridge", "steer_port (/dev/tricycle_steer)"),
+        ("tricycle_bridge", "steer_port (/dev/tricycle_steer) * before configure"),
         ("tricycle_sim", "true_seed (-1"),
     ],
 )

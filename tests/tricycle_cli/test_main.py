@@ -148,6 +148,12 @@ def test_a_domain_that_there_is_not_is_refused(domain, monkeypatch, capsys):
     assert f"ROS_DOMAIN_ID = {domain}: must be a number" in capsys.readouterr().err
 
 
+@pytest.mark.ros
+def test_the_monitor_draws_nothing_into_a_pipe(capsys):
+    assert main(["monitor"]) == 2
+    assert "into a file or a pipe: --json" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("library", "words", "extra"),

@@ -29,3 +29,12 @@ def test_what_is_logged_has_a_line_of_its_own_above_the_bar(capsys, monkeypatch)
     with progress_bar("working"):
         logging.getLogger("tricycle_sim").warning("compiling")
     assert "\x1b[2Kcompiling\n" in capsys.readouterr().err
+
+
+def test_a_long_description_leaves_room_for_count_and_times(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with progress_bar("planning double_lane_change for camber_stiffness") as report:
+        report(12_406, 12_406)
+    shown = capsys.readouterr().err
+    assert "planning double_lane_change for camber" in shown
+    assert "12406/12406 0:00:00 left 0:00:00" in shown

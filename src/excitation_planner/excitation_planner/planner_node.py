@@ -264,7 +264,8 @@ class ExcitationPlanner(Node):
         status = DiagnosticStatus(name="excitation_planner: plan", hardware_id="")
         done, total = self._progress
         if self._process is not None:
-            status.message = f"planning: {done} of at most {total} simulations"
+            counted = f"{done} of at most {total} simulations" if total else "no simulation yet"
+            status.message = f"planning: {counted}"
         elif self._problem:
             status.level, status.message = bytes([Level.WARN]), self._problem
         elif self._plan is None:

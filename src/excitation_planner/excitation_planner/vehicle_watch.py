@@ -223,7 +223,9 @@ class VehicleWatch:
         return "odom has no turn rate, without which the vehicle is not steered by its pose"
 
     def moves(self) -> str:
-        """Return how fast the vehicle moves; empty where it stands."""
+        """Return how fast the vehicle moves, or that nobody knows; empty where it stands."""
         if self.speed <= STANDSTILL_SPEED:
             return ""
+        if math.isnan(self.speed):
+            return f"no speed on odom; {MUST_STAND}"
         return f"the vehicle moves at {self.speed:.2f} m/s; {MUST_STAND}"

@@ -174,7 +174,12 @@ class BridgeNode(LifecycleNode):
             name: str, default: Any, description: str, span: tuple[float, float] | None = None
         ) -> None:
             at_start = name in ("autostart", "cmd_vel_stamped")
-            declare(self, name, default, description, span, read_only=at_start)
+            when = ""
+            if name in CONFIGURED_PARAMETERS:
+                when = "before configure"
+            elif name in LOWERED_PARAMETERS:
+                when = "lowered at any time"
+            declare(self, name, default, description, span, read_only=at_start, constraints=when)
 
         add("steer_port", "/dev/tricycle_steer", "serial device of the steer PLC")
         add("drive_port", "/dev/tricycle_drive", "serial device of the drive PLC")

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from tricycle_cli.console import plain_console
 from tricycle_core.quantities import Progress
 
+REST = 40  # characters of a line for bar, count and times
+
 
 @contextmanager
 def progress_bar(description: str) -> Iterator[Progress]:
@@ -14,7 +16,7 @@ def progress_bar(description: str) -> Iterator[Progress]:
     Parameters
     ----------
     description : str
-        Text at the left of the bar.
+        Text at the left of the bar; shortened where the line has no room for it.
 
     Yields
     ------
@@ -22,15 +24,19 @@ def progress_bar(description: str) -> Iterator[Progress]:
         `report(done, total)` moves the bar; it may be called from any thread.
     """
     from rich import progress
+    from rich.table import Column
 
+    console = plain_console(stderr=True)
+    if len(description) > (room := max(10, console.width - REST)):
+        description = f"{description[: room - 1]}…"
     with progress.Progress(
         progress.TextColumn("{task.description}", markup=False),
         progress.BarColumn(),
         progress.TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-        progress.TimeElapsedColumn(),
+        progress.TimeElapsedColumn(table_column=Column(no_wrap=True)),  # the bar shrinks first
         progress.TextColumn("left"),
-        progress.TimeRemainingColumn(),
-        console=plain_console(stderr=True),
+        progress.TimeRemainingColumn(table_column=Column(no_wrap=True)),
+        console=console,
     ) as bar:
         task = bar.add_task(description, total=1)
         try:

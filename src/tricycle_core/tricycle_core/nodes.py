@@ -146,6 +146,7 @@ def declare(
     span: tuple[float, float] | None = None,
     *,
     read_only: bool = True,
+    constraints: str = "",
 ) -> Any:
     """Declare a parameter and return its value.
 
@@ -163,8 +164,12 @@ def declare(
         Smallest and largest value of a number.
     read_only : bool
         Whether it can be set only when the node starts.
+    constraints : str
+        When it can be set, where that is neither at the start only nor at any time.
     """
-    descriptor = ParameterDescriptor(description=description, read_only=read_only)
+    descriptor = ParameterDescriptor(
+        description=description, read_only=read_only, additional_constraints=constraints
+    )
     if span is not None and isinstance(default, int):
         low, high = map(int, span)
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
@@ -206,11 +211,11 @@ def _help(factory: Callable[[], Node]) -> str:
     name, parameters = _documented()[factory.__name__]
     about = (sys.modules[factory.__module__].__doc__ or "").strip()
     lines = [f"usage: {name} [--ros-args -p NAME:=VALUE ... | --params-file FILE]", "", about, ""]
-    lines.append("parameters (default; range) that can be set at the start, * at any time:")
+    lines.append("parameters (default; range) that can be set at the start, * also later:")
     for parameter, default, span, fixed, meaning in parameters:
         values = "; ".join(text for text in (default, span) if text)
-        star = "" if fixed == "at start" else " *"
-        lines += [f"  {parameter}{f' ({values})' if values else ''}{star}", f"      {meaning}"]
+        when = {"at start": "", "any time": " *"}.get(fixed, f" * {fixed}")
+        lines += [f"  {parameter}{f' ({values})' if values else ''}{when}", f"      {meaning}"]
     return "\n".join([*lines, "", f"topics and services: ros2 node info {name}", ""])
 
 

@@ -19,8 +19,8 @@ from tricycle_core.diagnostics import Level
 RUNNING = {"state": "running", "plan_id": "p1", "elapsed": "5.0", "duration": "20.0", "reason": ""}
 
 
-def text_of(dashboard, now=100.0):
-    console = Console(width=100, record=True, file=io.StringIO())
+def text_of(dashboard, now=100.0, width=100):
+    console = Console(width=width, record=True, file=io.StringIO())
     console.print(screen(dashboard, now=now, where="domain 7"))
     return console.export_text()
 
@@ -91,7 +91,6 @@ def test_a_snapshot_is_json():
     assert told["commanded"] == {"steering_motor_angle": 0.1, "wheel_rate": 0.2}
     assert told["measured"] == {"steering_motor_angle": None, "wheel_rate": 0.3}
     assert told["odom"] is None
-    assert told["odom"] is None
 
 
 def test_the_preflight_is_shown_until_the_drive_begins():
@@ -101,3 +100,24 @@ def test_the_preflight_is_shown_until_the_drive_begins():
     assert "no pose on odom" in text_of(waiting)
     driving = Dashboard(maneuver=RUNNING, preflight={"localisation": item}, heard=99.9)
     assert "no pose on odom" not in text_of(driving)
+
+
+@pytest.mark.parametrize(("age", "times"), [(0.5, 1), (3.5, 2)])
+def test_what_a_fresh_preflight_says_is_not_said_again_by_the_diagnostics(age, times):
+    link = {"tricycle_bridge: steer PLC": DiagnosticEntry(Level.OK, "SAFE", 99.9)}
+    checked = {name: DiagnosticEntry(Level.OK, "SAFE", 100.0 - age) for name in link}
+    dashboard = Dashboard(link, {"state": "waiting"}, preflight=checked, heard=99.9)
+    assert text_of(dashboard).count("steer PLC") == times
+
+
+def test_the_head_of_the_speeds_is_one_line_in_a_terminal_of_80():
+    assert "speed m/s  yaw rate rad/s  steering motor rad  rear wheel rad/s" in text_of(
+        Dashboard(), width=80
+    )
+
+
+def test_a_picture_is_complete_with_what_every_run_publishes():
+    heard = Dashboard({"a: b": DiagnosticEntry(Level.OK, "fine", 1.0)}, RUNNING)
+    assert not heard.complete
+    heard.measured, heard.odometry = JointReading(0.1, 0.2), OdometryReading(0.0, 0.0, 0.0, 0.0)
+    assert heard.complete

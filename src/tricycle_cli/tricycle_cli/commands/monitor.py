@@ -16,7 +16,7 @@ examples:
 """
 
 REFRESH = 0.2  # s between pictures
-PATIENCE = 5.0  # s that --json waits for diagnostics and the maneuver's state
+PATIENCE = 5.0  # s that --json waits for what every run says
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,22 +58,24 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.operation.monitor_node import Monitor
     from tricycle_cli.operation.processes import asked_domain
 
+    console = plain_console()
+    drawn = console.is_terminal and not console.is_dumb_terminal
+    if not (args.json or drawn):
+        raise NodeError("monitor draws in a terminal; into a file or a pipe: --json")
     domain = asked_domain() or 0
     where = f"domain {domain}" + (f", namespace {args.namespace}" if args.namespace else "")
     with Monitor(domain=domain, namespace=args.namespace) as monitor:
         dashboard = monitor.dashboard
         if args.json:
             deadline = time.monotonic() + PATIENCE
-            while time.monotonic() < deadline and not (
-                dashboard.diagnostics and dashboard.maneuver
-            ):
+            while time.monotonic() < deadline and not dashboard.complete:
                 monitor.listen(REFRESH)
             if dashboard.heard is None:
                 raise NodeError(f"{where}: nothing heard in {PATIENCE:.0f} s; is the run on it?")
             print(json.dumps(dashboard.snapshot()))
             return 0
         try:
-            with Live(console=plain_console(), auto_refresh=False, screen=True) as live:
+            with Live(console=console, auto_refresh=False, screen=True) as live:
                 while True:
                     live.update(screen(dashboard, now=time.monotonic(), where=where), refresh=True)
                     monitor.listen(REFRESH)

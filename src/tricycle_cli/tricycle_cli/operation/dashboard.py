@@ -125,6 +125,11 @@ class Dashboard:
     learnt: str = ""
     preflight: Mapping[str, DiagnosticEntry] = field(default_factory=dict)
 
+    @property
+    def complete(self) -> bool:
+        """Whether everything was heard that bridge, driver and localisation always publish."""
+        return bool(self.diagnostics and self.maneuver and self.measured and self.odometry)
+
     def snapshot(self) -> dict[str, object]:
         """Return the same as JSON values; a number that is not finite is None."""
         return {
@@ -170,11 +175,15 @@ def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
     else:
         news = Text(where)
     parts = {"maneuver": _maneuver(dashboard), "motion": _speeds(dashboard)}
+    shown = set()
     if dashboard.preflight and dashboard.maneuver.get("state") not in _DRIVING:
         parts["pre-flight"] = diagnostics_table(dashboard.preflight, now)
+        shown = {name for name, e in dashboard.preflight.items() if now - e.heard <= SILENCE}
     entries = dashboard.diagnostics
-    ordered = {name: entries[name] for name in sorted(entries)}
-    parts["diagnostics"] = diagnostics_table(ordered, now)
+    # a terminal of 24 lines has no room for what the pre-flight says already
+    others = {name: entries[name] for name in sorted(entries) if name not in shown}
+    if others or not shown:
+        parts["diagnostics"] = diagnostics_table(others, now)
     return Group(
         news, *(Panel(part, title=name, title_align="left") for name, part in parts.items())
     )
@@ -205,7 +214,7 @@ def _maneuver(dashboard: Dashboard) -> RenderableType:
 
 
 def _speeds(dashboard: Dashboard) -> RenderableType:
-    table = Table.grid(padding=(0, 3))
+    table = Table.grid(padding=(0, 2))  # five columns in a terminal of 80
     for _ in range(5):
         table.add_column(justify="right")
     table.add_row("", "speed m/s", "yaw rate rad/s", "steering motor rad", "rear wheel rad/s")

@@ -76,7 +76,7 @@ def write_film(
         writer.setup(figure, str(new), dpi=80)
         for number, time in enumerate(times, start=1):
             if number == 2:
-                figure.set_layout_engine("none")  # as the first frame was laid out
+                figure.set_layout_engine(None)  # stays as laid out; "none" draws each frame twice
             for s_time, artist, points in moving:
                 k = min(int(np.searchsorted(s_time, time)), len(s_time) - 1)
                 artist.set_data(*(points[k] if points.ndim == 3 else points[: k + 1]).T)
