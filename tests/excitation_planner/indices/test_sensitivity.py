@@ -286,6 +286,7 @@ def test_an_output_that_moves_in_a_corner_only_is_not_called_constant():
         (lambda P: P[:, 0], {"seed": -1}, "seed = -1: must be a whole number"),
         (lambda P: P[:, 0], {"seed": None}, "seed = None: must be a whole number"),
         (lambda P: 1e200 * P[:, 0], {}, "an output is .*e.199: 1e.150 at most"),
+        (lambda P: 1e-200 * P[:, 0], {}, "the outputs differ by .*e-201: 1e-150 at least"),
         (lambda P: [None] * len(P), {}, "real numbers, NaN where it failed; not object"),
     ],
 )
