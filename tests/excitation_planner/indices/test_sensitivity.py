@@ -246,8 +246,9 @@ def test_noise_of_the_output_is_no_interaction_of_parameters_that_do_not_act():
     assert 0.2 < result.unexplained < 0.8
 
 
-@pytest.mark.parametrize("samples", [12, 20])
-def test_intervals_from_few_samples_hold_the_indices(samples):
+# narrower intervals, e.g. by a quarter of what the folds change, do not hold as many
+@pytest.mark.parametrize(("samples", "share"), [(12, 0.95), (20, 0.85), (40, 0.88)])
+def test_intervals_from_few_samples_hold_the_indices(samples, share):
     exact, held = ishigami_indices(), []
     for seed in range(8):
         result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=samples, seed=seed)
@@ -256,7 +257,7 @@ def test_intervals_from_few_samples_hold_the_indices(samples):
             (result.total_interval, exact.total),
         ):
             held += ((interval[:, 0] <= index) & (index <= interval[:, 1])).tolist()
-    assert np.mean(held) > 0.8
+    assert np.mean(held) > share
 
 
 def test_the_indices_of_a_rough_metamodel_hold_all_of_its_variance():

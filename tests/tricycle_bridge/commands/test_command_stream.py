@@ -91,6 +91,7 @@ def test_who_commands_the_armed_vehicle_first_is_its_only_commander(stream, othe
     assert add(stream, STANDSTILL, START + 5.0, other)  # however long the first one is silent
     stream.unlock()
     assert add(stream, STANDSTILL, START + 5.1, other) is None
+    assert add(stream, STANDSTILL, START + 5.2) is None  # nobody is the only one any more
 
 
 def test_names_of_commanders():
