@@ -39,13 +39,14 @@ def test_both_ways_come_near_the_exact_indices():
         assert error_statistics(*stage.validation).r2 > 0.999
 
 
-def test_failed_simulations_are_left_out_of_the_papers_way():
+def test_failed_simulations_are_no_samples_that_a_metamodel_is_trained_on():
     def f(P):
         m = math_model(np.array(TABLE_1_X), P)
         m[::20] = np.nan
         return m
 
     assert faithful(f, MATH_MODEL_UNKNOWN, budget=SMALL).simulations < 160
+    assert fast(f, MATH_MODEL_UNKNOWN, samples=60).simulations < 60
 
 
 @pytest.mark.slow

@@ -115,9 +115,8 @@ def fast(
     """
     with THREADPOOLS.limit(limits=1):
         result = sensitivity(f, unknown, samples=samples, seed=seed)
-        return FirstStage(
-            result, _validate(result.model, f, unknown, validation), result.simulations
-        )
+        trained_on = result.simulations - result.failed
+        return FirstStage(result, _validate(result.model, f, unknown, validation), trained_on)
 
 
 def faithful(f: Function, unknown: Box, *, budget: PaperBudget, validation: int = 0) -> FirstStage:

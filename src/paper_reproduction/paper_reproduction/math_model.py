@@ -494,7 +494,7 @@ def _indices(budget: OurBudget | PaperBudget, x: FloatArray) -> Indices:
 
 
 def _minimise(cost: Callable[[FloatArray], float], box: Box) -> tuple[FloatArray, FloatArray]:
-    """DIRECT as the paper uses it: best x (l,), and the cost of each evaluation (q,)."""
+    """DIRECT, locally biased (the paper says DIRECT): best x (l,), cost of each evaluation (q,)."""
     history: list[float] = []
 
     def noted(x: FloatArray) -> float:

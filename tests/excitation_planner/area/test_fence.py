@@ -86,6 +86,14 @@ def test_the_arc_of_the_commands_counts_as_that_of_the_motion_does() -> None:
     assert "would come" in said(at(3.0, 1.3, speed=2.0, rate=-0.2))
 
 
+def test_backwards_the_arc_of_the_commands_bends_the_other_way() -> None:
+    """Heading -x, moving +x: with the wheels to the left, which is -y, it bends to the border."""
+    backwards = PlanarState(3.0, 1.3, math.pi, 2.0, slip=math.pi, frame="odom")
+    assert said(backwards) == ""
+    assert said(backwards, curvature=-0.1) == ""
+    assert "would come" in said(backwards, curvature=0.1)
+
+
 def test_an_obstacle_smaller_than_the_footprint_is_seen() -> None:
     post = [[6.0, 9.95], [6.1, 9.95], [6.1, 10.05], [6.0, 10.05]]
     around = Fence(
@@ -202,6 +210,15 @@ def test_off_the_start_is_told_as_directions() -> None:
     assert told.startswith(
         "0.40 m back and 0.02 m left of the planned start, heading 3.0 deg to the left"
     )
+
+
+@pytest.mark.parametrize("turn", [0.0, math.pi / 2])
+def test_each_deviation_from_the_start_is_enough_to_be_off(turn: float) -> None:
+    there = fence(start=(6.0, 5.0, turn))
+    for aside in (0.06, -0.06):
+        assert there.off_start(at(6.0 + aside, 5.0, turn))
+        assert there.off_start(at(6.0, 5.0 + aside, turn))
+        assert there.off_start(at(6.0, 5.0, turn + math.copysign(math.radians(1.1), aside)))
 
 
 def test_a_margin_that_leaves_nothing_is_refused() -> None:

@@ -32,6 +32,12 @@ def test_an_area_that_the_vehicle_itself_does_not_fit_is_no_area(corners: FloatA
     )
 
 
+def test_three_deviations_of_the_localisation_are_kept_beside_the_margin() -> None:
+    exact, noisy = (Room(YARD, footprint_of(VEHICLE), std).needed for std in (0.0, 0.1))
+    assert exact > YARD.margin
+    assert noisy - exact == pytest.approx(0.3)
+
+
 def test_a_way_back_leads_to_the_start_of_a_maneuver_that_takes_most_of_the_yard() -> None:
     family, chassis = DoubleLaneChange(length=6.5, speed=1.82), Chassis()
     footprint, x = footprint_of(VEHICLE), np.array([0.18, 4.43])

@@ -246,8 +246,9 @@ def test_noise_of_the_output_is_no_interaction_of_parameters_that_do_not_act():
     assert 0.2 < result.unexplained < 0.8
 
 
-@pytest.mark.parametrize("samples", [12, 20])
-def test_intervals_from_few_samples_hold_the_indices(samples):
+# narrower intervals, e.g. by a quarter of what the folds change, do not hold as many
+@pytest.mark.parametrize(("samples", "share"), [(12, 0.95), (20, 0.85), (40, 0.88)])
+def test_intervals_from_few_samples_hold_the_indices(samples, share):
     exact, held = ishigami_indices(), []
     for seed in range(8):
         result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=samples, seed=seed)
@@ -256,7 +257,7 @@ def test_intervals_from_few_samples_hold_the_indices(samples):
             (result.total_interval, exact.total),
         ):
             held += ((interval[:, 0] <= index) & (index <= interval[:, 1])).tolist()
-    assert np.mean(held) > 0.8
+    assert np.mean(held) > share
 
 
 def test_the_indices_of_a_rough_metamodel_hold_all_of_its_variance():
@@ -286,6 +287,7 @@ def test_an_output_that_moves_in_a_corner_only_is_not_called_constant():
         (lambda P: P[:, 0], {"seed": -1}, "seed = -1: must be a whole number"),
         (lambda P: P[:, 0], {"seed": None}, "seed = None: must be a whole number"),
         (lambda P: 1e200 * P[:, 0], {}, "an output is .*e.199: 1e.150 at most"),
+        (lambda P: 1e-200 * P[:, 0], {}, "the outputs differ by .*e-201: 1e-150 at least"),
         (lambda P: [None] * len(P), {}, "real numbers, NaN where it failed; not object"),
     ],
 )

@@ -90,6 +90,23 @@ def test_who_is_blocked_is_stopped():
         drive()
 
 
+@pytest.mark.parametrize(
+    ("pose", "arrives"),
+    [
+        ((0.02, 0.0, math.radians(0.4)), True),
+        ((0.0, 0.0, math.radians(0.8)), False),  # the start allows 1 deg, the noise some of it
+        ((0.0, 0.0, math.radians(-0.8)), False),
+        ((0.0, 0.04, 0.0), False),
+    ],
+)
+def test_who_rests_at_the_goal_has_arrived_unless_another_route_is_needed(pose, arrives):
+    back = WayBack((0.0, 0.0, 0.0), Chassis())
+    for tick in range(100):
+        back.step(pose, 0.01 * tick, rests=True)
+    assert back.arrived is arrives
+    assert (back.wanted is None) is arrives
+
+
 def test_who_misses_the_start_too_often_gives_up():
     back = WayBack((0.0, 0.0, 0.0), Chassis())
 

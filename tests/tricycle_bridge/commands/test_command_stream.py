@@ -91,6 +91,7 @@ def test_who_commands_the_armed_vehicle_first_is_its_only_commander(stream, othe
     assert add(stream, STANDSTILL, START + 5.0, other)  # however long the first one is silent
     stream.unlock()
     assert add(stream, STANDSTILL, START + 5.1, other) is None
+    assert add(stream, STANDSTILL, START + 5.2) is None  # nobody is the only one any more
 
 
 def test_names_of_commanders():
@@ -147,6 +148,43 @@ def test_standstill_is_due_at_the_rate_while_no_command_is_fresh(stream):
     assert due(START + 0.21) == STANDSTILL
 
 
+def test_commands_and_standstill_are_repeated_each_at_its_rate(stream):
+    def due(now):
+        return stream.due(
+            now,
+            repeat_rate=20.0,
+            enabled=False,
+            standstill=lambda: STANDSTILL,
+            standstill_rate=100.0,
+        )
+
+    # the owner may act half a millisecond early
+    assert [due(START + k * 0.01 - (k % 2) * 5e-4) for k in range(10)] == [STANDSTILL] * 10
+    add(stream, VehicleCommand(0.1, 0.0), START + 0.1)
+    times = [START + 0.1 + k * 0.005 for k in range(20)]
+    assert [t for t in times if due(t)] == pytest.approx([START + 0.1, START + 0.15])
+
+
+def test_commands_of_before_arming_do_not_count(stream):
+    add(stream, VehicleCommand(0.3, 0.0), START)
+    stream.begin(START)
+    assert stream.newest(START + 0.01) is None
+    assert stream.due(START + 0.01, repeat_rate=50.0, enabled=True) is None
+    add(stream, STANDSTILL, START + 0.02)
+    assert stream.newest(START + 0.02) == STANDSTILL
+
+
+def test_a_message_that_cannot_be_obeyed_is_a_command_to_stand_still(stream):
+    assert (stream.last, stream.last_commander) == (None, None)
+    assert stream.refuse(STANDSTILL, stamp=START, now=START, commander=DRIVER) is None
+    assert stream.newest(START) == stream.last == STANDSTILL
+    assert stream.last_commander == DRIVER
+    late = stream.refuse(STANDSTILL, stamp=START - 1.0, now=START, commander=DRIVER)
+    assert "is stamped 1.00 s ago" in late
+    counters = stream.counters
+    assert (counters.accepted, counters.stale, counters.refused) == (0, 1, 1)
+
+
 def test_a_commander_at_1_khz_does_not_overload_the_line(stream):
     sent = 0
     for k in range(1000):
@@ -169,6 +207,7 @@ def test_the_jitter_of_a_100_hz_commander_adds_up_to_no_lag(stream):
 def test_nothing_is_left_after_the_clock_jumped_back(stream):
     add(stream, STANDSTILL, START)
     assert stream.due(START, repeat_rate=50.0, enabled=False)
+    stream.begin(START)
     stream.clear()
     assert stream.newest(1.0) is None
     add(stream, STANDSTILL, 1.0)

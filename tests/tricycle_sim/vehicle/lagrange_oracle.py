@@ -354,7 +354,11 @@ def _tyre(t, radius, lean, vx, vy, vz, spin, kappa, alpha):
     sign = surface / math.hypot(surface, t.rolling_smoothing_speed)
     return SimpleNamespace(
         force=np.array([x, y, load]),
-        aligning=-t.self_aligning_stiffness * alpha * aligning,
+        # behind the contact as it rolls: in front of it backwards, in the middle at rest
+        aligning=-t.self_aligning_stiffness
+        * alpha
+        * aligning
+        * np.clip(vx / t.slip_speed_floor, -1, 1),
         resistance=radius * load * coefficient * sign,
         kappa=(-slip_speed - speed / stiffer * kappa) / t.longitudinal_relaxation_length,
         alpha=(-vy - speed / stiffer * alpha) / t.lateral_relaxation_length,

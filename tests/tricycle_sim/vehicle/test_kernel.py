@@ -169,6 +169,31 @@ def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, ai
     assert loads == pytest.approx(truth.loads, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize(("speed", "side"), [(2.0, 1.0), (0.0, 0.0), (-2.0, -1.0)])
+def test_the_aligning_moment_is_against_the_slip_forwards_and_with_it_backwards(speed, side):
+    """The force acts where the contact is left: behind its middle, or in front of it."""
+    spins = np.full(3, speed / VEHICLE.tyre_radius)
+    situation = SimpleNamespace(
+        q=np.array([0.0, 0.0, VEHICLE.com_height - 0.003, *np.zeros(6)]),
+        dq=np.array([speed, *np.zeros(5), *spins]),
+        kappa=np.zeros(3),
+        alpha=np.full(3, 0.01),
+        torque=0.0,
+        integrator=0.0,
+        motor_angle=0.0,
+        motor_rate=0.0,
+        speed=speed,
+        demand=0.0,
+        brake=0.0,
+    )
+    turned = [
+        kernel_slopes(VEHICLE.replace(self_aligning_stiffness=stiffness), situation)[0][STATE.r]
+        for stiffness in (0.3, 0.0)
+    ]
+    moment = VEHICLE.yaw_inertia * (turned[0] - turned[1])
+    assert moment == pytest.approx(-side * 3 * 0.3 * 0.01, rel=1e-2, abs=1e-9)
+
+
 def test_static_loads_are_those_of_the_moment_balance():
     assert CHECKS.static_loads(VEHICLE) == pytest.approx([120.72, 115.37, 237.73], abs=0.2)
 

@@ -1,5 +1,7 @@
 """A load moves mass, centre and inertia together."""
 
+import dataclasses
+
 import pytest
 
 from tricycle_core.errors import VehicleError
@@ -33,6 +35,16 @@ def test_inertia_is_that_of_both_bodies_about_their_common_centre():
     assert loaded.yaw_inertia == pytest.approx(VEHICLE.yaw_inertia + yaw)
     assert loaded.unknown["yaw_inertia"] == pytest.approx((25.0 + yaw, 75.0 + yaw))
     assert loaded.com_height == pytest.approx(VEHICLE.com_height + cz)
+
+
+def test_ranges_move_with_the_values_that_they_are_about():
+    unknown = {"mass": (40.0, 60.0), "com_height": (0.45, 0.55), "cornering_stiffness": (5e2, 2e3)}
+    loaded = with_payload(dataclasses.replace(VEHICLE, unknown=unknown), Payload(30.0, z=1.5))
+    higher = loaded.com_height - VEHICLE.com_height
+    assert higher > 0.3
+    assert loaded.unknown["mass"] == pytest.approx((70.0, 90.0))
+    assert loaded.unknown["com_height"] == pytest.approx((0.45 + higher, 0.55 + higher))
+    assert loaded.unknown["cornering_stiffness"] == (5e2, 2e3)
 
 
 def test_a_load_beside_the_wheels_is_refused():

@@ -136,7 +136,7 @@ _DIRECT_INFINITY = 1e6  # DIRECT compares costs, but also subtracts them
 
 
 def _direct(cost: Objective, dimensions: int, *, points: int) -> FloatArray:
-    """Minimise over the unit box by DIRECT, widened and clipped; returns the best point (l,)."""
+    """Minimise over the unit box, widened and clipped, by locally biased DIRECT: best x (l,)."""
     result = direct(
         lambda z: cost(np.clip(z, 0.0, 1.0)),
         [(-0.125, 1.125)] * dimensions,

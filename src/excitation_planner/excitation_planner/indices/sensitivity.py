@@ -24,7 +24,7 @@ from tricycle_core.optional import optional, own_axes
 from tricycle_core.quantities import FloatArray
 
 _FOLDS = 5
-_LARGEST = 1e150  # output: the square of a larger one is no number
+_LARGEST = 1e150  # output: the square of a larger one is no number, that of its inverse is not 0
 # Half width of a 95 % interval, in root mean squares of what changes when a fifth of the samples is
 # left out: benchmarks/sobol.py measures the coverage. Posterior deviations are far too small for
 # smooth outputs.
@@ -327,6 +327,10 @@ def check_outputs(U: FloatArray, m: FloatArray) -> None:
         raise DesignError(
             f"the output is constant ({m[valid][0]:g} in {valid.sum()} samples): none of the "
             "unknown parameters moves it"
+        )
+    if (spread := np.ptp(m[valid])) < 1.0 / _LARGEST:
+        raise DesignError(
+            f"the outputs differ by {spread:g}: {1.0 / _LARGEST:g} at least, choose another unit"
         )
 
 

@@ -49,7 +49,7 @@ from tricycle_sim.vehicle.parts import (
 )
 from tricycle_sim.vehicle.registry import PARTS
 from tricycle_sim.vehicle.steering import motor_angle_of, road_angle_of, run_servo, turned
-from tricycle_sim.vehicle.tyre import rolling_resistance, slip_slopes, vertical_load
+from tricycle_sim.vehicle.tyre import rolling_resistance, slip_slopes, trail_side, vertical_load
 
 COMMAND = numbered(["speed_mode", "demand", "brake"])
 """Columns of the drive's commands, a row per tick.
@@ -166,6 +166,7 @@ def _wheel(
     force_x, force_y, aligning, friction_squared, stiffer = tyre_law(
         g, WHEEL.tyre_law * LANES + own, load, kappa, alpha, lean, vx, slip_speed, vy
     )
+    aligning *= trail_side(g, tyre, vx)
     kappa_slope, alpha_slope = slip_slopes(g, tyre, vx, slip_speed, vy, kappa, alpha, stiffer)
     resistance = rolling_resistance(g, tyre, rho, load, rolling)
 

@@ -36,7 +36,8 @@ def with_payload(vehicle: Vehicle, payload: Payload) -> Vehicle:
     Parameters
     ----------
     vehicle : Vehicle
-        Empty vehicle; a range of the yaw inertia moves with the nominal value.
+        Empty vehicle; the range of an unknown constant that the load changes moves with its nominal
+        value.
     payload : Payload
         Mass and position of the load.
 
@@ -50,10 +51,6 @@ def with_payload(vehicle: Vehicle, payload: Payload) -> Vehicle:
     x, y, z = payload.x, payload.y, payload.z - vehicle.com_height
     reduced = vehicle.mass * share  # of two bodies about their common centre of mass
     yaw = reduced * (x * x + y * y)
-    unknown = {
-        name: (low + yaw, high + yaw) if name == "yaw_inertia" else (low, high)
-        for name, (low, high) in vehicle.unknown.items()
-    }
     moved = {
         entry: value - factor * share * by
         for wheel in vehicle.wheels
@@ -68,5 +65,10 @@ def with_payload(vehicle: Vehicle, payload: Payload) -> Vehicle:
         "yaw_inertia": vehicle.yaw_inertia + yaw,
         "com_height": vehicle.com_height + share * z,
         **moved,
+    }
+    changes = {name: values.get(name, old) - old for name, old in vehicle.nominal.items()}
+    unknown = {
+        name: (low + changes[name], high + changes[name])
+        for name, (low, high) in vehicle.unknown.items()
     }
     return dataclasses.replace(vehicle, values={**vehicle.values, **values}, unknown=unknown)

@@ -42,6 +42,7 @@ TYRE: Formulas = {
     "inverse_sigma_x": lambda v: 1.0 / v.longitudinal_relaxation_length,
     "inverse_sigma_y": lambda v: 1.0 / v.lateral_relaxation_length,
     "speed_floor_squared": lambda v: v.slip_speed_floor**2,
+    "inverse_speed_floor": lambda v: 1.0 / v.slip_speed_floor,
     "rolling_1": lambda v: v.rolling_coefficient_1,
     "rolling_2": lambda v: v.rolling_coefficient_2,
     "rolling_smoothing_squared": lambda v: v.rolling_smoothing_speed**2,
@@ -125,6 +126,25 @@ def slip_slopes(
         -(slip_speed + speed * kappa) * g[c + _C.inverse_sigma_x],
         -(vy + speed * alpha) * g[c + _C.inverse_sigma_y],
     )
+
+
+@inlined
+def trail_side(g: FloatArray, c: int, vx: float) -> float:
+    """Return the factor of the aligning moment by the direction of rolling, -1 to 1.
+
+    The force acts behind the middle of the contact, as the wheel rolls: backwards that is in front.
+
+    Parameters
+    ----------
+    g : ndarray of float, shape (rows * LANES,)
+        Group of vehicles, as in `layout`.
+    c : int
+        Index in `g` at which the tyre's constants of the vehicle begin.
+    vx : float
+        Forward speed of the contact point [m/s].
+    """
+    side: float = max(-1.0, min(1.0, vx * g[c + _C.inverse_speed_floor]))
+    return side
 
 
 @inlined
@@ -229,7 +249,7 @@ def linear(
     force_x, force_y : float
         Force on the tyre, forward and to the left [N].
     aligning : float
-        Moment about the vertical [N m].
+        Moment about the vertical while the wheel rolls forwards [N m].
     friction_squared : float
         Square of the force after limiting over the friction limit's: at most 1.
     stiffer : float
