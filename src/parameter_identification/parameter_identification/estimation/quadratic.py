@@ -52,7 +52,7 @@ class Quadratic:
         Parameters
         ----------
         places : ndarray of int, shape (m,), or of bool, shape (n,)
-            Which variables they are.
+            Indices of these variables, or True where they are.
         """
         block = self.information[np.ix_(places, places)]
         return Quadratic(self.at[places], self.cost, self.gradient[places], block)
