@@ -47,7 +47,7 @@ WRITER = textwrap.dedent(
 
 def stamps_of_rosbags(path: Path) -> list[int]:
     with RosbagsReader(path) as reader:
-        return [message.stamp for message in reader.messages()]
+        return [stamp for _, stamp, _ in reader.messages()]
 
 
 def stamps_of_mcap(path: Path) -> list[int]:
