@@ -54,8 +54,8 @@ class OurBudget:
     Attributes
     ----------
     samples : int
-        Simulations per operating point where the indices are shown or, on the math model, where
-        they train the second stage.
+        Simulations per operating point in the screening, in Fig. 13 and, on the math model, at the
+        points that the second stage is trained on. Bars of indices have 300.
     validation : int
         Random points at which the metamodels of Figs. 5 and 13 predict as well.
     design_runs : int

@@ -1,4 +1,4 @@
-"""The road: a level one changes nothing, a tilted one pulls and loads as gravity does."""
+"""The road: a tilted one pulls and loads as gravity does; `test_reference_drive.py` is level."""
 
 import dataclasses
 import math
@@ -14,25 +14,6 @@ from tricycle_sim.vehicle.live import LiveVehicle
 
 VEHICLE = load_vehicle()
 FIVE_PERCENT = math.atan(0.05)
-
-
-def test_the_level_road_drives_as_before_there_were_others():
-    time = np.arange(0.0, 12.005, 0.01)
-    commands = Commands(time, 0.4 * np.minimum(1.0, time / 2.0), np.minimum(2.0, time))
-    trajectory = simulate(VEHICLE, commands)
-    columns = ("x", "y", "yaw", "vx", "yaw_rate", "roll")
-    found = [getattr(trajectory, name)[0, -1] for name in columns]
-    # of the last version without a road, but for the motor's speed, which is relative to the body
-    # since (0.05 %; the equations written again in `lagrange_oracle.py` have it too)
-    before = [
-        -3.5530149164133227,
-        1.8843915112373044,
-        5.141688309727207,
-        1.9702837951915622,
-        0.4808411259433988,
-        -0.0010553267090976824,
-    ]
-    assert found == pytest.approx(before, rel=1e-12, abs=1e-12)
 
 
 def held(vehicle, seconds):
