@@ -35,12 +35,13 @@ def test_a_point_below_the_estimate_is_told(depth):
     assert curve.lower.cost < 70.0
 
 
-def test_an_interval_that_the_cost_does_not_limit_is_the_whole_range():
+@pytest.mark.parametrize("std", [STD, 0.01])  # however far the ends are
+def test_an_interval_that_the_cost_does_not_limit_is_the_whole_range(std):
     class Flat(OtherValley):
         def minimise(self, start, free, *, tolerance):
             return Fit(start, 100.0 + 0.01 * (start[0] - 0.5) ** 2)
 
     best = Fit(np.array([0.5, 0.0]), 100.0)
-    curve = profile(Flat(0.0), best, np.diag([STD**2, 1.0]), 0, 0.95)
+    curve = profile(Flat(0.0), best, np.diag([std**2, 1.0]), 0, 0.95)
     assert curve.interval == (0.0, 1.0)
     assert (curve.z[0], curve.z[-1]) == (0.0, 1.0)

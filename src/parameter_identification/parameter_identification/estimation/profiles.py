@@ -16,7 +16,8 @@ from parameter_identification.estimation.levenberg_marquardt import Fit
 from parameter_identification.estimation.problem import LeastSquares
 from tricycle_core.quantities import FloatArray
 
-DISTANCES = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
+# standard deviations; the last one is at the end of the range
+DISTANCES = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0, math.inf)
 TOLERANCE = 0.1  # of the cost; the interval's level is some 4
 
 
