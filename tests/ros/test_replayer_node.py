@@ -263,7 +263,7 @@ def test_mistakes_are_one_line(  # type: ignore[no-untyped-def]
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        ("OSError(5, 'Input/output error')", "bag_0.mcap: Input/output error"),
+        ("OSError(5, 'Input/output error')", ": Input/output error"),
         ("KeyError('a mistake of ours')", "ended by an error: 'a mistake of ours'"),
     ],
 )
