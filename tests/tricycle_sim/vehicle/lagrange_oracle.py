@@ -352,13 +352,11 @@ def _tyre(t, radius, lean, vx, vy, vz, spin, kappa, alpha):
     surface = radius * spin
     coefficient = t.rolling_coefficient_1 + t.rolling_coefficient_2 * surface**2
     sign = surface / math.hypot(surface, t.rolling_smoothing_speed)
+    # of the force: behind the contact as it rolls, in front of it backwards, in the middle at rest
+    side = np.polyval([3, 0, -10, 0, 15, 0], np.clip(vx / t.slip_speed_floor, -1, 1)) / 8
     return SimpleNamespace(
         force=np.array([x, y, load]),
-        # behind the contact as it rolls: in front of it backwards, in the middle at rest
-        aligning=-t.self_aligning_stiffness
-        * alpha
-        * aligning
-        * np.clip(vx / t.slip_speed_floor, -1, 1),
+        aligning=-t.self_aligning_stiffness * alpha * aligning * side,
         resistance=radius * load * coefficient * sign,
         kappa=(-slip_speed - speed / stiffer * kappa) / t.longitudinal_relaxation_length,
         alpha=(-vy - speed / stiffer * alpha) / t.lateral_relaxation_length,

@@ -143,7 +143,10 @@ def trail_side(g: FloatArray, c: int, vx: float) -> float:
     vx : float
         Forward speed of the contact point [m/s].
     """
-    side: float = max(-1.0, min(1.0, vx * g[c + _C.inverse_speed_floor]))
+    share = max(-1.0, min(1.0, vx * g[c + _C.inverse_speed_floor]))
+    # with two continuous derivatives, for the order of the integration
+    square = share * share
+    side: float = 0.125 * share * (15.0 - square * (10.0 - 3.0 * square))
     return side
 
 
