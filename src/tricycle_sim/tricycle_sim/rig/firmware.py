@@ -31,13 +31,14 @@ from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.rig import Rig
 from tricycle_sim.rig.sensors import broken_lines, broken_potentiometer, measured_speed
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.live import LiveState
 
 _TICK_US = round(TICK * 1e6)
-# The boards tick so long after the vehicle. A command that is sent at a tick then acts in it, as
-# the emulation's do, though it takes 1.7 ms on the line, and the state frame is sent in it too. A
-# ping takes 2.5 ms there, which the bridge's stamps leave out: later ticks would be stamped late.
+# The boards tick so long after the vehicle, of whose tick they see the state. A command that is
+# sent at a tick then acts in it, as the emulation's do, though it takes 1.7 ms on the line, and the
+# state frame is sent in it too. A ping takes 0.8 to 2.5 ms there, which the bridge's stamps leave
+# out: they are late by the rest.
 _BEHIND_US = 3000
+_TICKED_US = _BEHIND_US + 2000  # after the vehicle's tick: the boards have computed their outputs
 # They were switched on so long before the vehicle's first tick, and have booted.
 _LEAD_US = 2 * _TICK_US - _BEHIND_US
 
@@ -77,8 +78,12 @@ class _FirmwareBoard:
             self.heard |= isinstance(frame.message, SteerCommand | DriveCommand)
         self.uno.write(data)
 
+    def tick(self) -> None:
+        """Run until the board has ticked."""
+        self.uno.run(self._time + _TICKED_US)
+
     def step(self) -> bytes:
-        """Run for a tick; return what the board has sent."""
+        """Run to the end of the vehicle's tick; return what the board has sent."""
         self._time += _TICK_US
         self.uno.run(self._time)
         self.heard = False
@@ -150,14 +155,16 @@ class FirmwareRig(Rig):
         steer.uno.steering_angle(
             state.steering_motor_angle if counts is None else (counts - ADC_CENTRE) / ADC_SCALE
         )
-        speed = measured_speed(self._hall_speed(state), faults)
-        drive.uno.wheel_speed(speed, hall_pulse(self._vehicle.driven_radius))
+        # to where the wheel is now, by the boards' tick
+        self._turn_hall(state.drive_angle, _BEHIND_US, _TICKED_US)
         drive.uno.hall_lines(*broken_lines(faults))
         steer.uno.supply(faults.get(FaultKind.STEER_SUPPLY, STEER_SUPPLY))
         drive.uno.supply(faults.get(FaultKind.DRIVE_SUPPLY, self._vehicle.battery_voltage))
         for board in (steer, drive):
             board.uno.estop(pressed=FaultKind.ESTOP in faults)
-        sent = {board: b"" if board in hung else one.step() for board, one in self._boards.items()}
+        running = {board: one for board, one in self._boards.items() if board not in hung}
+        for one in running.values():
+            one.tick()
         servo, motor = steer.uno.steer_pins(), drive.uno.drive_pins()
         servo_on = servo.servo_on and FaultKind.SERVO_DEAD not in faults
         self._advance(
@@ -165,19 +172,21 @@ class FirmwareRig(Rig):
             0.0 if FaultKind.MOTOR_DEAD in faults else motor.torque,
             0.0 if FaultKind.BRAKE_DEAD in faults else motor.brake,
         )
-        return sent
+        # on to where the wheel was so long before the boards' next tick
+        later = TICK - _BEHIND_US * 1e-6
+        gained = self._state.drive_speed - state.drive_speed
+        turned = state.drive_speed * later + 0.5 * gained / TICK * later**2
+        rest = _TICK_US - _TICKED_US
+        self._turn_hall(state.drive_angle + turned, rest, rest)
+        return dict.fromkeys(hung, b"") | {board: one.step() for board, one in running.items()}
 
-    def _hall_speed(self, state: LiveState) -> float:
-        """Return the speed of the hall sensor's wheel in the coming tick [m/s].
-
-        The wheel's, corrected so that the sensor is where the wheel is now by the boards' tick.
-        """
-        radius = self._vehicle.driven_radius
-        speed = state.drive_speed * radius
-        wanted = state.drive_angle * radius - speed * _BEHIND_US * 1e-6
-        speed += (wanted - self._hall_travel) / TICK
-        self._hall_travel += speed * TICK
-        return speed
+    def _turn_hall(self, angle: float, by_us: int, for_us: int) -> None:
+        """Let the hall sensor's wheel reach an angle [rad] after some time and go on as fast."""
+        speed = (angle * self._vehicle.driven_radius - self._hall_travel) / (by_us * 1e-6)
+        self._hall_travel += speed * for_us * 1e-6
+        uno = self._boards[Board.DRIVE].uno
+        pulse = hall_pulse(self._vehicle.driven_radius)
+        uno.wheel_speed(measured_speed(speed, self._faults), pulse)
 
     def close(self) -> None:
         """Free the simulated boards and the plant."""
