@@ -465,6 +465,12 @@ def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):
         ("tricycle_sim", {"real_time_factor": "-1.0"}, "real_time_factor"),
         ("maneuver_driver", {"max_deviation": "0.0"}, "max_deviation"),
         ("excitation_planner", {"seed": "text"}, "seed"),
+        (
+            "trajectory_recorder",
+            {"topics": "['a b']"},
+            "topics: 'a b': topic name must not contain",
+        ),
+        ("trajectory_recorder", {"exclude": "['1']"}, "exclude: '1': topic name token must not"),
     ],
 )
 def test_a_wrong_parameter_is_one_line_and_status_2(start, name, parameters, message):
