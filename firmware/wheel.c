@@ -48,17 +48,25 @@ void wheel_restart(struct wheel *wheel)
 	anchor(wheel, 0.0f);
 }
 
+/* Since a pulse there has been none. */
+static void wait_for_pulse(struct wheel *wheel)
+{
+	wheel->wanted = 0.0f;
+	wheel->waiting = 0;
+}
+
 void wheel_rest(struct wheel *wheel, int32_t pulses)
 {
 	count_tick(&wheel->rested);
 	if (pulses)
-		wheel->waiting = 0;
+		wait_for_pulse(wheel);
 	wheel_restart(wheel);
 }
 
 bool wheel_rests(const struct wheel *wheel)
 {
-	return wheel->waiting < TICKS(DOUBT_TIME) || wheel->rested >= TICKS(RESTING_TIME);
+	return wheel->wanted < DOUBT_PULSES * wheel->pulse ||
+	       wheel->rested >= TICKS(RESTING_TIME);
 }
 
 void wheel_set_up(struct wheel *wheel, float pulse, float radius, float mass_low, float mass_high)
@@ -66,7 +74,8 @@ void wheel_set_up(struct wheel *wheel, float pulse, float radius, float mass_low
 	wheel->pulse = pulse;
 	wheel->light = mass_low * radius;
 	wheel->heavy = mass_high * radius;
-	wheel->waiting = wheel->rested = 0;
+	wheel->rested = 0;
+	wait_for_pulse(wheel);
 	wheel_restart(wheel);
 }
 
@@ -103,6 +112,7 @@ bool wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float speed,
 	count_tick(&wheel->window);
 	count_tick(&wheel->silence);
 	wheel->rested = 0;
+	wheel->wanted += TICK * setpoint;
 	if (setpoint >= NO_PULSE_SPEED)
 		count_tick(&wheel->waiting);
 	wheel->slow_gain += slow;
@@ -124,7 +134,7 @@ bool wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float speed,
 		     (wheel->silence > TICKS(NO_PULSE_TIME) && setpoint >= NO_PULSE_SPEED);
 	if (wheel->waiting > TICKS(NO_PULSE_TIME)) {
 		fails = true;
-		wheel->waiting = TICKS(DOUBT_TIME); /* after CLEAR the wheel may turn again */
+		wheel->waiting = 0; /* after CLEAR the wheel may turn again */
 	}
 	if (pulses) {
 		bool known = wheel->silence < REST_TICKS &&
@@ -132,7 +142,8 @@ bool wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float speed,
 		if (known && speed_fails(wheel, speed))
 			fails = true;
 		wheel->last = pulses;
-		wheel->silence = wheel->waiting = 0;
+		wheel->silence = 0;
+		wait_for_pulse(wheel);
 	}
 	return fails;
 }

@@ -26,7 +26,8 @@ struct wheel {
 	uint16_t ticks;      /* since then */
 	uint16_t silence;    /* ticks since a pulse */
 	uint16_t window;     /* ticks */
-	uint16_t waiting;    /* ticks in which a pulse should have come, since the last one */
+	float wanted;        /* m by the set-point, since the last pulse */
+	uint16_t waiting;    /* ticks in which one should have come since then */
 	uint16_t rested;     /* ticks since the motor pushed */
 };
 

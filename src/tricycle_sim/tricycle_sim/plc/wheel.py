@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from tricycle_bridge.protocol.boards import (
     AGAINST_GEAR,
-    DOUBT_TIME,
+    DOUBT_PULSES,
     NO_PULSE_SPEED,
     NO_PULSE_TIME,
     PULSE_MARGIN,
@@ -44,14 +44,15 @@ class WheelCheck:
         self._pulse = pulse
         self._light = mass_low * radius
         self._heavy = mass_high * radius
-        self._waiting = 0.0  # s in which a pulse should have come, since the last one
+        self._wanted = 0.0  # m by the set-point, since the last pulse
+        self._waiting = 0.0  # s in which one should have come since then
         self._rested = 0.0  # s since the motor pushed
         self.restart()
 
     @property
     def rests(self) -> bool:
         """Whether a wheel that seems to rest does: without its sensor it always seems to."""
-        return self._waiting < DOUBT_TIME or self._rested >= RESTING_TIME
+        return self._wanted < DOUBT_PULSES * self._pulse or self._rested >= RESTING_TIME
 
     def rest(self, pulses: int) -> None:
         """Begin at rest: the motor is off, or the brake is on.
@@ -63,7 +64,7 @@ class WheelCheck:
         """
         self._rested += TICK
         if pulses:
-            self._waiting = 0.0
+            self._wanted = self._waiting = 0.0
         self.restart()
 
     def restart(self) -> None:
@@ -112,6 +113,7 @@ class WheelCheck:
         self._count += pulses
         self._silence += TICK
         self._rested = 0.0
+        self._wanted += TICK * setpoint
         if setpoint >= NO_PULSE_SPEED:
             self._waiting += TICK
 
@@ -127,11 +129,12 @@ class WheelCheck:
         )
         if self._waiting > NO_PULSE_TIME:
             implausible = True
-            self._waiting = DOUBT_TIME  # after CLEAR the wheel may turn again
+            self._waiting = 0.0  # after CLEAR the wheel may turn again
         if pulses:
             if self._silence < _REST_TIME and pulses * self._last > 0:
                 implausible |= self._take_speed(speed)
-            self._last, self._silence, self._waiting = pulses, 0.0, 0.0
+            self._last = pulses
+            self._silence = self._wanted = self._waiting = 0.0
         return implausible
 
     def _take_speed(self, speed: float) -> bool:
