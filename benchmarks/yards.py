@@ -40,12 +40,12 @@ from excitation_planner.area.polygons import placed
 from excitation_planner.area.room import Room
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.box import Box
-from excitation_planner.design.excitation import DRAWS
 from excitation_planner.design.information import (
     difference_points,
     information,
     posterior_covariance,
 )
+from excitation_planner.design.problem import DRAWS
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.localisation import PlanarState
 from excitation_planner.maneuver import family_by_name, family_names, with_ranges

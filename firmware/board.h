@@ -65,6 +65,7 @@ struct board {
 	bool command_limited;
 	bool braking; /* armed, from a command with a brake on until rest */
 	bool holding; /* armed, at rest with the brake on */
+	bool resting; /* the brake holds a wheel that may still turn, unseen */
 	int32_t ceiling;    /* 0.01 mm/s, of a motor that holds the vehicle */
 	int32_t lagging;    /* 0.01 mm/s, measured speed behind a lag */
 	uint8_t line_ticks; /* in a row in which a line was outside of its bands; saturates */

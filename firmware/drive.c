@@ -124,6 +124,12 @@ static bool line_broken(const struct board *board)
 	return board->line_ticks == LINE_TICKS;
 }
 
+/* In the last tick the motor alone acted on the wheel. */
+static bool pushes(const struct board *board)
+{
+	return board->motor_on && !board->brake;
+}
+
 void board_begin_tick(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
@@ -136,11 +142,15 @@ void board_begin_tick(struct plc *plc, uint32_t now)
 		plc->faults |= FAULT_HALL_LINE;
 	board->pulses = board->hall_count - board->last_count;
 	board->last_count = board->hall_count;
+	if (!pushes(board))
+		wheel_rest(&board->wheel, board->pulses);
+	board->resting = !pushes(board) && !wheel_rests(&board->wheel);
 }
 
 static int32_t target_of(const struct board *board)
 {
-	if (board->braking || board->gear != board->commanded_gear || board->gear == GEAR_NEUTRAL)
+	if (board->braking || board->resting || board->gear != board->commanded_gear ||
+	    board->gear == GEAR_NEUTRAL)
 		return 0;
 	return (board->gear == GEAR_REVERSE ? -100L : 100L) * board->target;
 }
@@ -164,10 +174,8 @@ static bool runs_away(struct board *board)
 /* Outputs are still those of the last tick. */
 static bool wheel_wrong(struct board *board)
 {
-	if (!board->motor_on || board->brake) {
-		wheel_restart(&board->wheel);
+	if (!pushes(board))
 		return false;
-	}
 	int8_t sign = board->gear == GEAR_REVERSE ? -1 : 1;
 	return wheel_fails(&board->wheel, 1e-3f * (float)(sign * board->torque),
 			   sign * board->pulses, 1e-3f * (float)(sign * board->speed),
@@ -260,7 +268,7 @@ static void follow(struct plc *plc)
 	struct board *board = &plc->board;
 	bool stands = at_rest(plc) && board->setpoint == 0;
 	board->braking = board->commanded_brake || (board->braking && !stands);
-	if (board->commanded_gear != board->gear && stands) {
+	if (board->commanded_gear != board->gear && stands && wheel_rests(&board->wheel)) {
 		board->gear = board->commanded_gear;
 		/* both look in the direction of the gear: what holds on a slope goes on */
 		board->motor.integral = -board->motor.integral;

@@ -78,6 +78,8 @@
 #define AGAINST_GEAR 0.4f /* m/s */
 #define NO_PULSE_SPEED 0.1f /* m/s */
 #define NO_PULSE_TIME 2.5f /* s */
+#define DOUBT_PULSES 2.0f /* pulses */
+#define RESTING_TIME 2.0f /* s */
 
 #define BOARD_STEER 1
 #define BOARD_DRIVE 2

@@ -48,11 +48,34 @@ void wheel_restart(struct wheel *wheel)
 	anchor(wheel, 0.0f);
 }
 
+/* Since a pulse there has been none. */
+static void wait_for_pulse(struct wheel *wheel)
+{
+	wheel->wanted = 0.0f;
+	wheel->waiting = 0;
+}
+
+void wheel_rest(struct wheel *wheel, int32_t pulses)
+{
+	count_tick(&wheel->rested);
+	if (pulses)
+		wait_for_pulse(wheel);
+	wheel_restart(wheel);
+}
+
+bool wheel_rests(const struct wheel *wheel)
+{
+	return wheel->wanted < DOUBT_PULSES * wheel->pulse ||
+	       wheel->rested >= TICKS(RESTING_TIME);
+}
+
 void wheel_set_up(struct wheel *wheel, float pulse, float radius, float mass_low, float mass_high)
 {
 	wheel->pulse = pulse;
 	wheel->light = mass_low * radius;
 	wheel->heavy = mass_high * radius;
+	wheel->rested = 0;
+	wait_for_pulse(wheel);
 	wheel_restart(wheel);
 }
 
@@ -88,6 +111,10 @@ bool wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float speed,
 	count_tick(&wheel->ticks);
 	count_tick(&wheel->window);
 	count_tick(&wheel->silence);
+	wheel->rested = 0;
+	wheel->wanted += TICK * setpoint;
+	if (setpoint >= NO_PULSE_SPEED)
+		count_tick(&wheel->waiting);
 	wheel->slow_gain += slow;
 	wheel->fast_gain += fast;
 	wheel->slow_travel += (wheel->speed + wheel->slow_gain) * TICK;
@@ -105,6 +132,10 @@ bool wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float speed,
 	wheel->low = low > wheel->low ? low : wheel->low;
 	bool fails = wheel->low > wheel->high + SLACK || speed < -AGAINST_GEAR ||
 		     (wheel->silence > TICKS(NO_PULSE_TIME) && setpoint >= NO_PULSE_SPEED);
+	if (wheel->waiting > TICKS(NO_PULSE_TIME)) {
+		fails = true;
+		wheel->waiting = 0; /* after CLEAR the wheel may turn again */
+	}
 	if (pulses) {
 		bool known = wheel->silence < REST_TICKS &&
 			     (pulses > 0 ? wheel->last > 0 : wheel->last < 0);
@@ -112,6 +143,7 @@ bool wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float speed,
 			fails = true;
 		wheel->last = pulses;
 		wheel->silence = 0;
+		wait_for_pulse(wheel);
 	}
 	return fails;
 }

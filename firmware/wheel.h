@@ -26,13 +26,22 @@ struct wheel {
 	uint16_t ticks;      /* since then */
 	uint16_t silence;    /* ticks since a pulse */
 	uint16_t window;     /* ticks */
+	float wanted;        /* m by the set-point, since the last pulse */
+	uint16_t waiting;    /* ticks in which one should have come since then */
+	uint16_t rested;     /* ticks since the motor pushed */
 };
 
-/* Lengths in m, masses in kg; wheel_restart is called too. */
+/* Lengths in m, masses in kg; forgets all. */
 void wheel_set_up(struct wheel *wheel, float pulse, float radius, float mass_low, float mass_high);
 
-/* Forgets all: the motor is off, or the brake is on. */
+/* Begins at rest. */
 void wheel_restart(struct wheel *wheel);
+
+/* Begins at rest: the motor is off, or the brake is on. Once a tick. */
+void wheel_rest(struct wheel *wheel, int32_t pulses);
+
+/* Whether a wheel that seems to rest does: without its sensor it always seems to. */
+bool wheel_rests(const struct wheel *wheel);
 
 /* Whether torque (N m, of the last tick) and pulses (since the last tick) do not fit together any
  * more; they, speed and set-point (m/s) are positive in the direction of the gear. Once a tick. */

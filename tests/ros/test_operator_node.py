@@ -79,14 +79,15 @@ def test_a_start_that_comes_too_soon_is_tried_again_until_the_vehicle_rests():
         operator._trigger_at_rest("maneuver_driver/start")
 
 
-def test_nodes_that_do_not_run_are_waited_for_aloud_and_with_the_domain(
-    ros_environment, monkeypatch, capfd
+@pytest.mark.parametrize(("namespace", "where"), [("", ""), ("left", " in namespace /left")])
+def test_nodes_that_do_not_run_are_waited_for_aloud_and_with_domain_and_namespace(
+    ros_environment, monkeypatch, capfd, namespace, where
 ):
     monkeypatch.setattr(operator_node, "SILENCE_TIMEOUT", 0.3)
     monkeypatch.setattr(operator_node, "TOLD", 0.1)
     domain = int(ros_environment["ROS_DOMAIN_ID"])
-    operator = Operator(domain=domain, check=lambda: None, simulated=False)
-    message = f"a publisher of vehicle/state: .* run, with ROS_DOMAIN_ID {domain}"
+    operator = Operator(domain=domain, check=lambda: None, simulated=False, namespace=namespace)
+    message = f"s{where} for a publisher of vehicle/state: .* run, with ROS_DOMAIN_ID {domain}"
     with operator, pytest.raises(NodeError, match=message):
         operator.publishers("vehicle/state")
     assert "waits for a publisher of vehicle/state" in capfd.readouterr().err
@@ -219,6 +220,15 @@ def test_a_signal_while_the_vehicle_rolls_out_stops_it(rests):
         interrupted.drive()
     assert interrupted.called == CALLED
     assert interrupted.slept == ([] if rests else [LONGEST_STOP])
+
+
+@pytest.mark.usefixtures("_ending_signals_interrupt")
+@pytest.mark.parametrize("second", [None, signal.SIGTERM])
+def test_a_signal_while_the_bag_is_closed_stops_what_rolls_and_waits_for_the_bag(second):
+    interrupted = Interrupted(None, None, None, None, signal.SIGINT, second)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.drive()
+    assert interrupted.called == CALLED
 
 
 @pytest.mark.usefixtures("_ending_signals_interrupt")

@@ -143,6 +143,23 @@ def test_planner_refuses_an_unknown_criterion(observer, start):
     )
 
 
+@pytest.mark.parametrize(
+    ("parameters", "problem"),
+    [
+        ({"budget": 10}, "budget = 10 is too small"),
+        ({"plan_file": "file/plan.json"}, "file is a file; a folder is needed"),
+    ],
+)
+def test_planner_refuses_before_its_work_what_would_fail_after_it(
+    observer, start, tmp_path, parameters, problem
+):
+    (tmp_path / "file").touch()
+    start("excitation_planner", **parameters)
+    answer = observer.call("excitation_planner/plan")
+    assert not answer.success
+    assert problem in answer.message
+
+
 @pytest.mark.parametrize("knowingly", [False, True])
 def test_planner_publishes_the_plan_of_another_vehicle_knowingly_only(
     observer, start, tmp_path, knowingly
@@ -448,6 +465,12 @@ def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):
         ("tricycle_sim", {"real_time_factor": "-1.0"}, "real_time_factor"),
         ("maneuver_driver", {"max_deviation": "0.0"}, "max_deviation"),
         ("excitation_planner", {"seed": "text"}, "seed"),
+        (
+            "trajectory_recorder",
+            {"topics": "['a b']"},
+            "topics: 'a b': topic name must not contain",
+        ),
+        ("trajectory_recorder", {"exclude": "['1']"}, "exclude: '1': topic name token must not"),
     ],
 )
 def test_a_wrong_parameter_is_one_line_and_status_2(start, name, parameters, message):

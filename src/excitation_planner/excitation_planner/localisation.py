@@ -116,9 +116,18 @@ class _Track:
 
 @dataclass
 class PoseWatch:
-    """Holds each pose against those before it and the velocities between them."""
+    """Holds each pose against those before it and the velocities between them.
 
+    Attributes
+    ----------
+    frozen : str
+        For how long the wheels have been driven and the pose stayed the same; empty: it has not.
+    """
+
+    frozen: str = ""
     _tracks: deque[_Track] = field(default_factory=deque)
+    _pose: tuple[float, float, float] | None = None
+    _stamp: float = -math.inf
     _changed_at: float = -math.inf
     _verdict: str = ""
 
@@ -137,31 +146,35 @@ class PoseWatch:
         driven : bool
             Whether the wheels are commanded to turn.
         """
-        if not self._tracks or stamp != self._tracks[-1].stamp:
-            self._verdict = self._judge(state, stamp, driven=driven)
+        if self._pose is None or stamp != self._stamp:
+            self.frozen = self._look_for_change(state, stamp, driven=driven)
+            self._verdict = self._judge(state, stamp) or self.frozen
+            self._stamp = stamp
         return self._verdict
 
-    def _judge(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
+    def _look_for_change(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
+        before, self._pose = self._pose, (state.x, state.y, state.yaw)
+        self._changed_at = min(self._changed_at, stamp)
+        if not driven or self._pose != before:
+            self._changed_at = stamp
+        if (still := stamp - self._changed_at) <= FROZEN:
+            return ""
+        return f"the pose has been the same for {still:.2f} s, but the wheels are driven"
+
+    def _judge(self, state: PlanarState, stamp: float) -> str:
         if not state.turns_known:
             self._tracks.clear()  # nothing tells where it leads
             return ""
         while self._tracks and self._tracks[-1].stamp >= stamp:
             self._tracks.pop()  # of a clock that was ahead: it must not blind the watch until then
-        self._changed_at = min(self._changed_at, stamp)
         if not self._tracks:
             self._tracks.append(_Track(stamp, state))
-            self._changed_at = stamp
             return ""
         last = self._tracks[-1]
-        before = last.state
-        if not driven or (state.x, state.y, state.yaw) != (before.x, before.y, before.yaw):
-            self._changed_at = stamp
         new = _moved(last, state, stamp)
         while len(self._tracks) > 1 and self._tracks[1].stamp <= stamp - WINDOW:
             self._tracks.popleft()
         self._tracks.append(new)
-        if (still := stamp - self._changed_at) > FROZEN:
-            return f"the pose has been the same for {still:.2f} s, but the wheels are driven"
         return _difference(last, new) or _difference(self._tracks[0], new)
 
 

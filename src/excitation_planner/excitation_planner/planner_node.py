@@ -32,7 +32,8 @@ from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.planning import PlanRequest, check_vehicle
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import DesignError, PlanError, VehicleError, message_of
+from tricycle_core.documents import check_folder
+from tricycle_core.errors import ExcitationError, PlanError, message_of
 from tricycle_core.nodes import declare, overridable, run_node
 from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
@@ -49,7 +50,7 @@ Settings = dict[str, Any]  # parameter name -> value, as declared below
 
 
 def _request(settings: Settings) -> PlanRequest:
-    """Request that the parameters describe; raises DesignError, PlanError or VehicleError."""
+    """Request that the parameters describe; raises ExcitationError or OSError."""
     file = settings["vehicle_file"]
     ranges = parse_ranges([text for text in settings["ranges"] if text])
     family = family_by_name(settings["maneuver"])
@@ -84,7 +85,7 @@ def _plan_in_process(settings: Settings, output: Path, connection: Connection) -
         connection.send(("done",))
     except BrokenPipeError:  # the node was killed
         sys.exit(1)
-    except (DesignError, PlanError, VehicleError, OSError) as error:
+    except (ExcitationError, OSError) as error:
         connection.send(("failed", message_of(error)))
 
 
@@ -134,8 +135,9 @@ class ExcitationPlanner(Node):
         self.create_timer(POLL, self._watch, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         try:
-            _request(self._settings())
-        except (DesignError, PlanError, VehicleError, OSError) as error:  # a file is published
+            _request(self._settings()).check_budget()
+            check_folder(self._file.absolute().parent)
+        except (ExcitationError, OSError) as error:  # a file is published
             self.get_logger().warning(f"no plan can be made: {message_of(error)}")
         if self._file.exists():
             try:
@@ -175,7 +177,9 @@ class ExcitationPlanner(Node):
             if "plan_file" in new:
                 file = Path(new["plan_file"])
                 self._checked = self._load(file, new) if file.exists() else None
-        except (DesignError, PlanError, VehicleError, OSError) as error:
+                if self._checked is None:
+                    check_folder(file.absolute().parent)
+        except (ExcitationError, OSError) as error:
             return SetParametersResult(successful=False, reason=message_of(error))
         return SetParametersResult(successful=True)
 
@@ -204,7 +208,9 @@ class ExcitationPlanner(Node):
         settings = self._settings()
         try:
             request = _request(settings)
-        except (DesignError, PlanError, VehicleError, OSError) as error:
+            request.check_budget()
+            check_folder(self._file.absolute().parent)
+        except (ExcitationError, OSError) as error:
             response.message = message_of(error)
             return response
         self._warn_about(request)

@@ -194,8 +194,10 @@ class Playback:
             self._resting.take(state, stamp)
         if not self._active:
             self._contradiction = contradiction
-        elif self._steered_by_pose or self._fence is not None:
-            self._contradiction = self._contradiction or contradiction
+        elif not self._contradiction:
+            watched = self._steered_by_pose or self._fence is not None
+            # a pose that stays the same is near the path for ever
+            self._contradiction = contradiction if watched else self._poses.frozen
 
     def hear(self, readiness: Readiness, now: float) -> None:
         """Take what the vehicle says about itself; a run is aborted at once if it is not armed.

@@ -52,11 +52,11 @@ class TrajectoryRecorder(Node):
     def __init__(self) -> None:
         super().__init__("trajectory_recorder")
         topics = declare(self, "topics", TOPICS, "names to record; * and ? match anything")
-        self._patterns = [self._absolute(pattern) for pattern in topics]
+        self._patterns = [self._absolute("topics", pattern) for pattern in topics]
         without = declare(
             self, "exclude", [""], "names not to record, of those that topics matches"
         )
-        self._excluded = [self._absolute(pattern) for pattern in without if pattern]
+        self._excluded = [self._absolute("exclude", pattern) for pattern in without if pattern]
         declare(self, "output", "", "directory of the next bag", read_only=False)
         compression = declare(self, "compression", "zstd", "of chunks: zstd, lz4, none")
         split_size = declare(self, "split_size", 0.0, "MB of a file, 0: no limit", (0, 1e6))
@@ -118,9 +118,13 @@ class TrajectoryRecorder(Node):
         if record:
             self.start()
 
-    def _absolute(self, pattern: str) -> str:
+    def _absolute(self, parameter: str, pattern: str) -> str:
         if set(pattern).isdisjoint("*?["):
-            return str(self.resolve_topic_name(pattern))  # follows remappings
+            try:
+                return str(self.resolve_topic_name(pattern))  # follows remappings
+            except RuntimeError as error:  # rclpy's, which names neither
+                reason = str(error).removeprefix("failed to resolve name: ").partition(", at ")[0]
+                raise BagError(f"{parameter}: {pattern!r}: {reason}") from error
         return pattern if pattern[0] == "/" else self.get_namespace().rstrip("/") + "/" + pattern
 
     def start(self) -> Path:

@@ -6,8 +6,8 @@ import pytest
 
 from excitation_planner import Criterion, MeasurementNoise
 from excitation_planner.maneuver import Circle, DoubleLaneChange
-from excitation_planner.planning import PlanRequest
-from tricycle_core.errors import PlanError
+from excitation_planner.planning import PlanRequest, plan_maneuver
+from tricycle_core.errors import DesignError, PlanError
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
@@ -44,3 +44,16 @@ def test_the_families_are_in_the_order_in_which_they_are_driven():
         others=(DoubleLaneChange(),),
     )
     assert [family.name for family in request.families] == ["circle", "double_lane_change"]
+
+
+@pytest.mark.parametrize(
+    "asked", [{"criterion": Criterion.H}, {"criterion": Criterion.C, "effects": ("steering-zero",)}]
+)
+def test_a_budget_is_refused_before_planning_as_planning_would(asked):
+    request = PlanRequest(VEHICLE, Circle(), "cornering_stiffness", budget=10, **asked)
+    with pytest.raises(DesignError, match="budget = 10 is too small") as planned:
+        plan_maneuver(request)
+    with pytest.raises(DesignError) as checked:
+        request.check_budget()
+    assert str(checked.value) == str(planned.value)
+    dataclasses.replace(request, budget=int(str(checked.value).split()[-2])).check_budget()

@@ -121,3 +121,38 @@ def test_a_picture_is_complete_with_what_every_run_publishes():
     assert not heard.complete
     heard.measured, heard.odometry = JointReading(0.1, 0.2), OdometryReading(0.0, 0.0, 0.0, 0.0)
     assert heard.complete
+
+
+NARROW = Dashboard(
+    diagnostics={"tricycle_bridge: steer PLC": DiagnosticEntry(Level.OK, "supply 12.345 V", 95.0)},
+    maneuver=RUNNING,
+    commanded=JointReading(0.7854, -123.456),
+    measured=JointReading(-0.7511, 123.457),
+    odometry=OdometryReading(5412345.67, -1234.56, -12.93, 0.4123),
+)
+
+
+@pytest.mark.parametrize("width", [24, 40, 60, 79, 120])
+def test_no_number_is_cut_however_narrow_the_terminal_is(width):
+    text = text_of(NARROW, width=width)
+    assert max(map(len, text.splitlines())) <= width
+    for number in (
+        *("0.7854", "-123.456", "-0.7511", "123.457", "5412345.67", "-1234.56", "-12.93"),
+        *("0.412", "12.345", "5.0 of 20.0 s"),
+    ):
+        assert number in text
+
+
+@pytest.mark.parametrize(("age", "shown"), [(2.9, True), (3.1, False)])
+def test_a_speed_of_long_ago_is_not_shown_as_the_present_one(age, shown):
+    dashboard = Dashboard(
+        maneuver=RUNNING,
+        commanded=JointReading(0.7854, 2.5, heard=100.0 - age),
+        measured=JointReading(0.7511, 2.4, heard=100.0 - age),
+        odometry=OdometryReading(1.0, -2.0, 0.93, 0.41, heard=100.0 - age),
+        heard=99.9,
+    )
+    text = text_of(dashboard)
+    for number in ("0.7854", "2.500", "0.7511", "0.93", "-2.00 m"):
+        assert (number in text) is shown
+    assert "heard" not in json.dumps(dashboard.snapshot()["measured"])

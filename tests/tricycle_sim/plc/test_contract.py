@@ -870,6 +870,50 @@ def test_a_hall_sensor_that_sticks_on_the_way_is_found(rolling, value):
     assert wheel.fastest < value + 0.8
 
 
+def rearm(host):
+    assert host.control(Op.DISARM) is Result.OK
+    host.arm()
+
+
+PAUSES = {
+    "brake": (1.5, 0.7, lambda host: host.stream(0.02, 1.5, brake=1)),
+    "speed": (1.5, 0.3, lambda host: host.stream(0.4, 0.0)),
+    "gear": (1.5, 0.3, lambda host: host.stream(0.4, 1.5, gear=m.Gear.NEUTRAL)),
+    "arming": (1.5, 0.7, rearm),
+    "slow": (0.09, 1.0, lambda host: host.stream(0.02, 0.09, brake=1)),
+}
+
+
+@pytest.mark.parametrize("pause", PAUSES)
+def test_a_host_that_pauses_does_not_drive_a_wheel_without_its_sensor_on(rolling, pause):
+    wheel = rolling.plc.wheel
+    wheel.sensed = HALL_SENSORS["no pulses"]
+    value, seconds, wait = PAUSES[pause]
+    rolling.arm()
+    for _ in range(20):
+        rolling.stream(seconds, value)
+        if rolling.state.state != State.ARMED:
+            break
+        wait(rolling)
+    assert rolling.state.faults == (0 if pause == "slow" else Fault.PULSES)
+    assert wheel.fastest < 1.2
+
+
+def test_a_wheel_that_hung_for_a_moment_starts_when_the_brake_has_held_it(rolling):
+    wheel = rolling.plc.wheel
+    rolling.arm()
+    wheel.towed = 0.0
+    rolling.stream(0.5, 1.0)
+    rolling.stream(0.1, 1.0, brake=1)
+    wheel.towed = None
+    rolling.stream(1.5, 1.0)
+    assert rolling.state.flags & m.StateFlag.HOLDING
+    assert wheel.speed == 0.0
+    rolling.stream(2.5, 1.0)
+    assert (rolling.state.state, rolling.state.faults) == (State.ARMED, 0)
+    assert wheel.speed == pytest.approx(1.0, abs=0.2)
+
+
 LINES = [
     {"hall_line": 5.0},  # broken
     {"hall_line": 0.0},  # shorted to ground

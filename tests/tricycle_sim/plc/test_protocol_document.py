@@ -356,12 +356,14 @@ def test_times_of_a_plc_are_those_of_both_codes(macros):
         "TRACKING": boards.TRACKING_TIME * 1e3,
         "STOP_TIMEOUT": boards.STOPPING_TIME * 1e3,
         "PULSES: no pulse": boards.NO_PULSE_TIME * 1e3,
+        "brake after a push without a pulse": boards.RESTING_TIME * 1e3,
         "HALL_LINE": boards.LINE_TICKS * TICK * 1e3,
         "hardware watchdog": boards.HARDWARE_WATCHDOG * 1e3,
     }
+    in_seconds = ("PULSES: no pulse", "brake after a push without a pulse")
     names = ("WATCHDOG_MS", "HOLDING_MS", "TRACKING_MS", "STOPPING_MS", "HARDWARE_WATCHDOG_MS")
     assert [macros["TICK_US"] / 1e3, *(macros[name] for name in names)] == [
-        rows[name] for name in rows if name not in ("stale echo", "PULSES: no pulse", "HALL_LINE")
+        rows[name] for name in rows if name not in ("stale echo", *in_seconds, "HALL_LINE")
     ]
     (units,) = re.findall(r"& 0xFFFF ≤ (\d+)", section("4 Freshness"))
     assert int(units) == limits.STALE_TICKS == macros["STALE_TICKS"]

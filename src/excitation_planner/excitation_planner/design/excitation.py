@@ -27,6 +27,7 @@ from excitation_planner.design.prior import (
     NuisanceParameters,
 )
 from excitation_planner.design.problem import (
+    DRAWS,
     VERIFIED,
     DesignProblem,
     Evaluation,
@@ -194,8 +195,6 @@ class Design:
         return tuple(evaluation for evaluation in self.history if evaluation.infeasible)
 
 
-DRAWS = 16
-"""Parameter values over which the criteria C, D and A are averaged."""
 FEW = 10
 """Maneuvers of a box below which a search may miss those that can be driven."""
 

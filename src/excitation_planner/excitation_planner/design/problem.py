@@ -37,6 +37,9 @@ Outcome = tuple[FloatArray, ...] | str
 NoiseVariance = float | Callable[[FloatArray], float]
 """V_n, or V_n as a function of the outputs (n,)."""
 
+DRAWS = 16
+"""Parameter values over which the criteria C, D and A are averaged."""
+
 VERIFIED = 3
 """Distinct candidates that are evaluated on fresh samples before one is handed out."""
 

@@ -28,11 +28,11 @@ from typing import Any, NamedTuple, Self
 from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.evaluation import judge_outcome, parameter_points
-from excitation_planner.design.excitation import DRAWS, Design, search_design
+from excitation_planner.design.excitation import Design, search_design
 from excitation_planner.design.information import simulated_values
 from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
 from excitation_planner.design.prior import NO_NUISANCES, BoxPrior, NuisanceParameters
-from excitation_planner.design.problem import DesignProblem, Search, Trajectories, Verified
+from excitation_planner.design.problem import DRAWS, DesignProblem, Search, Trajectories, Verified
 from excitation_planner.design.store import (
     FAILED,
     INFEASIBLE,

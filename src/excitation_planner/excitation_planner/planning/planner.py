@@ -15,7 +15,7 @@ from excitation_planner.area.tube import VEHICLES, crawl_curvature, footprint_of
 from excitation_planner.box import Box
 from excitation_planner.design.combinations import best_combinations
 from excitation_planner.design.criteria import Criterion, excitation_cost
-from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_excitation
+from excitation_planner.design.excitation import Design, Verdict, design_excitation
 from excitation_planner.design.information import ManeuverSet, information_costs
 from excitation_planner.design.problem import VERIFICATION, VERIFIED, Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
@@ -47,9 +47,6 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.layout import LANES
-
-LEAST_DRAWS = 6
-"""Vehicles over which a criterion is averaged, however many effects each is simulated with."""
 
 FITTING = 0.75
 """Share of a search's simulations that goes into finding maneuvers that fit an area."""
@@ -153,8 +150,7 @@ def _searched(
     nuisances, alone = nuisance_parameters(_effects(request)), len(request.vehicle.unknown) + 1
     unknown = Box.of(dict(request.vehicle.unknown))
     target = unknown.index(request.target)
-    # as many simulations of a maneuver as without effects, but a few vehicles at least
-    draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(nuisances.steps)))
+    draws = request.draws
     runs = draws * (alone + len(nuisances.steps))
     verification = VERIFIED * (VERIFICATION * (runs + request.samples) + 1)
     starts, taken, budget, fitting = None, 0, request.budget, None

@@ -6,18 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.design.prior import BoxPrior
-from excitation_planner.design.problem import Search
+from excitation_planner.design.prior import BoxPrior, NuisanceParameters
+from excitation_planner.design.problem import DRAWS, DesignProblem, Search
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.shaping import check_motor
 from tricycle_core.errors import PlanError
-from tricycle_sim.effects import check_effects
+from tricycle_sim.effects import check_effects, effects_of
 from tricycle_sim.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from excitation_planner.area.area import Area
+
+LEAST_DRAWS = 6
+"""Vehicles over which a criterion is averaged, however many effects each is simulated with."""
 
 
 @dataclass(frozen=True)
@@ -99,3 +103,39 @@ class PlanRequest:
     def families(self) -> tuple[ManeuverFamily, ...]:
         """Families of the maneuvers, in the order in which they are driven."""
         return (self.family, *self.others)
+
+    @property
+    def draws(self) -> int:
+        """Vehicles over which the criteria C, D and A are averaged.
+
+        As many simulations of a maneuver as without effects, but a few vehicles at least.
+        """
+        alone = len(self.vehicle.unknown) + 1
+        return max(LEAST_DRAWS, DRAWS * alone // (alone + self._effects))
+
+    @property
+    def _effects(self) -> int:
+        return sum(not effect.process for effect in effects_of(self.vehicle, self.effects))
+
+    def check_budget(self) -> None:
+        """Raise if the budget pays for no search: planning says so only when all is loaded.
+
+        Raises
+        ------
+        DesignError
+            If it is too small for one maneuver and the verification.
+        """
+        DesignProblem(
+            operation=self.family.operation,
+            unknown=Box.of(dict(self.vehicle.unknown)),
+            target=self.target,
+            criterion=self.criterion,
+            noise_variance=self.noise.of_trajectory_error,
+            trajectory_noise=self.noise.of_trajectory,
+            samples=self.samples,
+            draws=self.draws,
+            budget=self.budget,
+            seed=self.seed,
+            search=self.search,
+            nuisances=NuisanceParameters((1.0,) * self._effects),
+        )

@@ -62,6 +62,8 @@ PULSE_MARGIN = 1.15  # pulses by which travel and pulses may differ
 AGAINST_GEAR = 0.4  # m/s against the gear; more is the direction wire
 NO_PULSE_SPEED = 0.1  # m/s of set-point at which pulses must come ...
 NO_PULSE_TIME = 2.5  # s ... after so long, whatever the slope
+DOUBT_PULSES = 2.0  # pulses that the set-points ask for without one, until a wheel at rest ...
+RESTING_TIME = 2.0  # s ... is believed only after the brake has held it for so long
 
 # What SETUP may say of the vehicle: lowest and highest.
 HALL_PULSES = (0.001, 0.06)  # m

@@ -129,6 +129,8 @@ def _constants() -> dict[str, tuple[int | float, str]]:
         "AGAINST_GEAR": (boards.AGAINST_GEAR, "m/s"),
         "NO_PULSE_SPEED": (boards.NO_PULSE_SPEED, "m/s"),
         "NO_PULSE_TIME": (boards.NO_PULSE_TIME, "s"),
+        "DOUBT_PULSES": (boards.DOUBT_PULSES, "pulses"),
+        "RESTING_TIME": (boards.RESTING_TIME, "s"),
     }
 
 

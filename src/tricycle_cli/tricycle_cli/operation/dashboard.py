@@ -1,10 +1,12 @@
 """Display of a live run in a terminal: links, maneuver, speeds, progress."""
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.measure import Measurement
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
@@ -68,10 +70,13 @@ class JointReading:
         Position of the steering motor [rad].
     wheel_rate : float
         Rate of the rear wheel [rad/s].
+    heard : float
+        Time of receipt [s], on the clock of the dashboard.
     """
 
     steering_motor_angle: float
     wheel_rate: float
+    heard: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -86,12 +91,18 @@ class OdometryReading:
         Speed, forward positive [m/s].
     yaw_rate : float
         Yaw rate, left positive [rad/s].
+    heard : float
+        Time of receipt [s], on the clock of the dashboard.
     """
 
     x: float
     y: float
     speed: float
     yaw_rate: float
+    heard: float = math.inf
+
+
+Reading = TypeVar("Reading", JointReading, OdometryReading)
 
 
 @dataclass
@@ -146,7 +157,7 @@ class Dashboard:
 def _numbers(reading: JointReading | OdometryReading | None) -> dict[str, float | None] | None:
     if reading is None:
         return None
-    return {n: finite_or_none(value) for n, value in vars(reading).items()}
+    return {n: finite_or_none(value) for n, value in vars(reading).items() if n != "heard"}
 
 
 def _levels_and_messages(entries: Mapping[str, DiagnosticEntry]) -> dict[str, dict[str, str]]:
@@ -174,7 +185,7 @@ def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
         news = Text(f"{where}: silent for {now - dashboard.heard:.0f} s", style="bold red")
     else:
         news = Text(where)
-    parts = {"maneuver": _maneuver(dashboard), "motion": _speeds(dashboard)}
+    parts = {"maneuver": _maneuver(dashboard), "motion": _speeds(dashboard, now)}
     shown = set()
     if dashboard.preflight and dashboard.maneuver.get("state") not in _DRIVING:
         parts["pre-flight"] = diagnostics_table(dashboard.preflight, now)
@@ -213,23 +224,54 @@ def _maneuver(dashboard: Dashboard) -> RenderableType:
     return Group(line, bar, *([Text(dashboard.learnt)] if dashboard.learnt else []))
 
 
-def _speeds(dashboard: Dashboard) -> RenderableType:
-    table = Table.grid(padding=(0, 2))  # five columns in a terminal of 80
-    for _ in range(5):
-        table.add_column(justify="right")
-    table.add_row("", "speed m/s", "yaw rate rad/s", "steering motor rad", "rear wheel rad/s")
-    for name, joints in (("commanded", dashboard.commanded), ("measured", dashboard.measured)):
-        odometry = dashboard.odometry if name == "measured" else None
-        table.add_row(
-            name,
-            f"{odometry.speed:.2f}" if odometry else "",
-            f"{odometry.yaw_rate:.3f}" if odometry else "",
+class _WordByWord:
+    """A table whose rows are running text where it would cut words: a cut number is a wrong one."""
+
+    def __init__(self, table: Table, rows: Sequence[Text]) -> None:
+        self._table, self._rows = table, rows
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        unlimited = options.update(max_width=1000)
+        least = Measurement.get(console, unlimited, self._table).minimum
+        yield self._table if least <= options.max_width else Group(*self._rows)
+
+
+def _speeds(dashboard: Dashboard, now: float) -> RenderableType:
+    """Return what was heard within `SILENCE`: an old speed is a wrong one."""
+
+    def fresh(reading: Reading | None) -> Reading | None:
+        return reading if reading is not None and now - reading.heard <= SILENCE else None
+
+    odometry = fresh(dashboard.odometry)
+    heads = ("speed m/s", "yaw rate rad/s", "steering motor rad", "rear wheel rad/s")
+    moving = (f"{odometry.speed:.2f}", f"{odometry.yaw_rate:.3f}") if odometry else ("", "")
+    rows = {
+        name: (
+            *(moving if name == "measured" else ("", "")),
             f"{joints.steering_motor_angle:.4f}" if joints else "–",
             f"{joints.wheel_rate:.3f}" if joints else "–",
         )
-    if (odometry := dashboard.odometry) is not None:
-        table.add_row("position", f"{odometry.x:.2f} m", f"{odometry.y:.2f} m")
-    return table
+        for name, joints in (
+            ("commanded", fresh(dashboard.commanded)),
+            ("measured", fresh(dashboard.measured)),
+        )
+    }
+    table = Table.grid(padding=(0, 2))  # five columns in a terminal of 80
+    for _ in range(5):
+        table.add_column(justify="right")
+    table.add_row("", *heads)
+    lines = []
+    for name, cells in rows.items():
+        table.add_row(name, *cells)
+        told = (f"{head} {cell}" for head, cell in zip(heads, cells, strict=True) if cell)
+        lines.append(Text(f"{name} {', '.join(told)}"))
+    if odometry is not None:
+        position = (f"{odometry.x:.2f} m", f"{odometry.y:.2f} m")
+        table.add_row("position", *position)
+        lines.append(Text(f"position {', '.join(position)}"))
+    for column in table.columns:
+        column.min_width = max(len(str(cell)) for cell in column.cells)
+    return _WordByWord(table, lines)
 
 
 def diagnostics_table(entries: Mapping[str, DiagnosticEntry], now: float) -> RenderableType:
@@ -244,16 +286,21 @@ def diagnostics_table(entries: Mapping[str, DiagnosticEntry], now: float) -> Ren
     """
     if not entries:
         return Text("none heard", style="dim")
-    table = Table.grid(padding=(0, 3))
+    rows = []
     for name, entry in entries.items():
         age = now - entry.heard
         silent = age > SILENCE
-        table.add_row(
-            name,
-            Text(entry.message, style="dim" if silent else _STYLES[entry.level]),
-            Text(f"silent for {age:.0f} s", style="bold red") if silent else "",
-        )
-    return table
+        told = Text(entry.message, style="dim" if silent else _STYLES[entry.level])
+        silence = Text(f"silent for {age:.0f} s" if silent else "", style="bold red")
+        rows.append((Text(name), told, silence))
+    table = Table.grid(padding=(0, 3))
+    words = (len(word) for entry in entries.values() for word in entry.message.split())
+    table.add_column(no_wrap=True, min_width=max(len(name) for name, _, _ in rows))
+    table.add_column(min_width=max(words, default=0))
+    table.add_column(no_wrap=True, min_width=max(len(silence) for _, _, silence in rows))
+    for row in rows:
+        table.add_row(*row)
+    return _WordByWord(table, [Text(" ").join(filter(None, row)) for row in rows])
 
 
 def _number(text: str | None) -> float:

@@ -94,24 +94,24 @@ class Monitor(Closing):
         self.dashboard.learnt = message.message
 
     def _on_commands(self, message: JointState) -> None:
-        self._hear()
-        self.dashboard.commanded = _joints(message) or self.dashboard.commanded
+        self.dashboard.commanded = _joints(message, self._hear()) or self.dashboard.commanded
 
     def _on_joints(self, message: JointState) -> None:
-        self._hear()
-        self.dashboard.measured = _joints(message) or self.dashboard.measured
+        self.dashboard.measured = _joints(message, self._hear()) or self.dashboard.measured
 
     def _on_odom(self, message: Odometry) -> None:
-        self._hear()
+        heard = self._hear()
         position, twist = message.pose.pose.position, message.twist.twist
         speed = math.copysign(math.hypot(twist.linear.x, twist.linear.y), twist.linear.x)
-        self.dashboard.odometry = OdometryReading(position.x, position.y, speed, twist.angular.z)
+        self.dashboard.odometry = OdometryReading(
+            position.x, position.y, speed, twist.angular.z, heard
+        )
 
 
-def _joints(message: JointState) -> JointReading | None:
+def _joints(message: JointState, heard: float) -> JointReading | None:
     """Return the values of the two joints; None if the message is about others."""
     try:
         steering, wheel = map(list(message.name).index, JOINTS)
-        return JointReading(message.position[steering], message.velocity[wheel])
+        return JointReading(message.position[steering], message.velocity[wheel], heard)
     except (ValueError, IndexError):
         return None

@@ -568,8 +568,14 @@ class Operator(Closing):
                     with suppress(NodeError), self._interrupts_wait():
                         self._trigger("trajectory_recorder/stop")
                 raise
-            with self._interrupts_wait():
+            try:
                 answer = self._trigger("trajectory_recorder/stop")
+            except KeyboardInterrupt:
+                # the vehicle may still roll out; where it rests, the abort is refused
+                for service in ("maneuver_driver/abort", "trajectory_recorder/stop"):
+                    with suppress(NodeError), self._interrupts_wait():
+                        self._trigger(service)
+                raise
         if LACKS in answer:
             print(f"warning: {answer}", file=sys.stderr)
 
@@ -667,7 +673,9 @@ class Operator(Closing):
                 told = True
                 self._node.get_logger().info(f"waits for {what}")
             if patience.over:
-                raise NodeError(f"waited {self._patience:.0f} s for {what}")
+                space = self._node.get_namespace()
+                where = "" if space == "/" else f" in namespace {space}"
+                raise NodeError(f"waited {self._patience:.0f} s{where} for {what}")
             self._spin()
 
     def _spin(self) -> None:

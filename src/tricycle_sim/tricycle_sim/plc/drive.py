@@ -153,6 +153,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._line_ticks = 0  # in a row in which a hall line was outside of its bands
         self._hall_count = 0  # of the last tick
         self._pulses = 0  # since then
+        self._resting = False  # the brake holds a wheel that may still turn, unseen
 
     def _put_in_force(self) -> None:
         force = self._in_force
@@ -200,6 +201,9 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
             self.faults |= Fault.HALL_LINE
         count = self._measured.hall_count
         self._pulses, self._hall_count = count - self._hall_count, count
+        if not self._pushes:
+            self._wheel.rest(self._pulses)
+        self._resting = not (self._pushes or self._wheel.rests)
 
     @property
     def _line_broken(self) -> bool:
@@ -237,7 +241,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
 
     def _wheel_fails(self) -> bool:
         """Whether torque and pulses of the last tick do not fit together."""
-        if not self._motor_on or self._brake > 0.0:
+        if not self._pushes:
             return False
         sign = _SIGNS[self._gear]
         return self._wheel.fails(
@@ -293,8 +297,6 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
             self._stop(self._max_acceleration)
         else:
             self._setpoint, self._brake, self._gear = 0.0, 1.0, Gear.NEUTRAL
-        if not self._motor_on or self._brake > 0.0:
-            self._wheel.restart()
         return DriveOutput(self._motor_on, self._setpoint, self._brake)
 
     def _stop(self, deceleration: float) -> None:
@@ -312,7 +314,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         """
         at_rest = self._at_rest and self._setpoint == 0.0
         self._braking = self._commanded_brake > 0.0 or (self._braking and not at_rest)
-        if self._commanded_gear != self._gear and at_rest:
+        if self._commanded_gear != self._gear and at_rest and self._wheel.rests:
             self._gear = self._commanded_gear
             self._wheel.restart()
         target = self._target_in_gear
@@ -328,7 +330,13 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
     @property
     def _target_in_gear(self) -> float:
         in_gear = self._gear == self._commanded_gear
-        return _SIGNS[self._gear] * self._target if in_gear and not self._braking else 0.0
+        stands = self._braking or self._resting or not in_gear
+        return 0.0 if stands else _SIGNS[self._gear] * self._target
+
+    @property
+    def _pushes(self) -> bool:
+        """Whether the motor alone acts on the wheel."""
+        return self._motor_on and self._brake == 0.0
 
     @property
     def _motor_on(self) -> bool:

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 from tricycle_bridge.protocol.boards import (
     AGAINST_GEAR,
+    DOUBT_PULSES,
     NO_PULSE_SPEED,
     NO_PULSE_TIME,
     PULSE_MARGIN,
     RESISTANCE,
+    RESTING_TIME,
     TORQUE_LAG,
 )
 from tricycle_core.timing import TICK
@@ -42,10 +44,31 @@ class WheelCheck:
         self._pulse = pulse
         self._light = mass_low * radius
         self._heavy = mass_high * radius
+        self._wanted = 0.0  # m by the set-point, since the last pulse
+        self._waiting = 0.0  # s in which one should have come since then
+        self._rested = 0.0  # s since the motor pushed
+        self.restart()
+
+    @property
+    def rests(self) -> bool:
+        """Whether a wheel that seems to rest does: without its sensor it always seems to."""
+        return self._wanted < DOUBT_PULSES * self._pulse or self._rested >= RESTING_TIME
+
+    def rest(self, pulses: int) -> None:
+        """Begin at rest: the motor is off, or the brake is on.
+
+        Parameters
+        ----------
+        pulses : int
+            Number of pulses since the last tick.
+        """
+        self._rested += TICK
+        if pulses:
+            self._wanted = self._waiting = 0.0
         self.restart()
 
     def restart(self) -> None:
-        """Forget all: the motor is off, the brake holds the wheel."""
+        """Begin at rest."""
         self._torque = 0.0  # N m, behind its demand
         self._low, self._high = -RESISTANCE, RESISTANCE  # m/s^2, interval of slopes
         self._speed_error = 0.0  # m/s, of the speed below: the brake held the wheel
@@ -89,6 +112,10 @@ class WheelCheck:
         self._window_gain += slow * TICK
         self._count += pulses
         self._silence += TICK
+        self._rested = 0.0
+        self._wanted += TICK * setpoint
+        if setpoint >= NO_PULSE_SPEED:
+            self._waiting += TICK
 
         half_square = 0.5 * self._time**2
         margin = PULSE_MARGIN * self._pulse + self._speed_error * self._time
@@ -100,10 +127,14 @@ class WheelCheck:
             or speed < -AGAINST_GEAR
             or (self._silence > NO_PULSE_TIME and setpoint >= NO_PULSE_SPEED)
         )
+        if self._waiting > NO_PULSE_TIME:
+            implausible = True
+            self._waiting = 0.0  # after CLEAR the wheel may turn again
         if pulses:
             if self._silence < _REST_TIME and pulses * self._last > 0:
                 implausible |= self._take_speed(speed)
-            self._last, self._silence = pulses, 0.0
+            self._last = pulses
+            self._silence = self._wanted = self._waiting = 0.0
         return implausible
 
     def _take_speed(self, speed: float) -> bool:
