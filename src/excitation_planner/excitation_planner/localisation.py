@@ -9,6 +9,7 @@ import numpy as np
 from excitation_planner.preflight import Check
 from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.diagnostics import Level
+from tricycle_core.poses import Pose
 
 FASTEST = 2.0 * MAX_SPEED
 """Speed beyond which a message is wrong, whatever the vehicle does [m/s]."""
@@ -88,7 +89,7 @@ class PlanarState:
             )
         return ""
 
-    def after(self, time: float) -> tuple[float, float, float]:
+    def after(self, time: float) -> Pose:
         """Return the pose x, y [m], heading [rad] a short time later, at constant motion.
 
         Parameters
@@ -188,7 +189,7 @@ class RestingPoses:
         while poses[0][0] < stamp - WINDOW:
             poses.popleft()
 
-    def mean(self) -> tuple[float, float, float] | None:
+    def mean(self) -> Pose | None:
         """Return the mean pose x, y [m] and yaw [rad]; None without any."""
         if not self._poses:
             return None

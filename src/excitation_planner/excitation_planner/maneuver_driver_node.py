@@ -38,6 +38,7 @@ from tricycle_core.joints import JOINTS, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.namesakes import namesakes
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, publisher_names, run_node
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
 from tricycle_core.readiness import Readiness
@@ -110,7 +111,7 @@ def _footprint(message: PolygonStamped) -> FloatArray:
     return np.array([(p.x, p.y) for p in message.polygon.points]).reshape(-1, 2)
 
 
-def _planned_start(message: PoseStamped) -> tuple[float, float, float]:
+def _planned_start(message: PoseStamped) -> Pose:
     position, orientation = message.pose.position, message.pose.orientation
     if not is_unit(orientation):
         raise PlanError("orientation is not a unit quaternion")

@@ -16,19 +16,19 @@ from excitation_planner.area.fence import (
     START_POSITION_TOLERANCE,
     Fence,
 )
-from excitation_planner.area.polygons import seen_from
 from excitation_planner.line_keeping import LineKeeping
 from excitation_planner.localisation import WINDOW, PlanarState, PoseWatch, RestingPoses
 from excitation_planner.plan_parts import PlanParts
 from excitation_planner.preflight import Check
 from excitation_planner.schedule import Schedule
 from excitation_planner.vehicle_watch import CLOCK_TOLERANCE, VehicleWatch
-from excitation_planner.way_back.dubins import Arc, Pose
+from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis, WayBack
 from excitation_planner.way_back.route import RouteRequest
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
+from tricycle_core.poses import Pose, seen_from
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import Readiness
 

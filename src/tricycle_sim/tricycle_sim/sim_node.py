@@ -24,6 +24,7 @@ from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import ExcitationError, LinkError, VehicleError
 from tricycle_core.frames import BASE_LINK, ODOM
 from tricycle_core.nodes import RECORDED, declare, ending, overridable, run_node, time_message
+from tricycle_core.poses import Pose
 from tricycle_core.rotations import about_vertical
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
@@ -169,7 +170,7 @@ class TricycleSim(Node):
         names = self.get_parameter("faults").value
         self._failing = frozenset(FAULTS[name] for name in names if name)  # taken at the next tick
 
-    def _start_pose(self) -> tuple[float, float, float]:
+    def _start_pose(self) -> Pose:
         x, y, heading = (float(self.get_parameter(name).value) for name in START_PARAMETERS)
         return x, y, heading
 

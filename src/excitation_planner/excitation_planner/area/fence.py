@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.area.polygons import Rings, placed, seen_from, signed_distance
+from excitation_planner.area.polygons import Rings, signed_distance
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.localisation import PlanarState
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import Pose, placed, seen_from
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 
@@ -76,7 +77,7 @@ class Fence:
     ground: Rings
     footprint: FloatArray
     curvature: FloatArray
-    start: tuple[float, float, float]
+    start: Pose
     _border: NDArray[np.object_] = field(init=False, repr=False)  # rings of the ground
     _insides: NDArray[np.object_] = field(init=False, repr=False)  # polygon of each ring
     _reach: float = field(init=False, repr=False)

@@ -14,10 +14,10 @@ import shapely
 from numpy.typing import NDArray
 
 from excitation_planner.area.fence import START_HEADING_TOLERANCE
-from excitation_planner.area.polygons import placed
 from excitation_planner.area.stops import RUN_OUT, longest_stop, stopping_path
 from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.poses import placed
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands

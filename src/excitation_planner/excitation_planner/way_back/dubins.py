@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tricycle_core.poses import Pose, along_arc
 from tricycle_core.quantities import FloatArray
-
-Pose = tuple[float, float, float]
-"""x, y [m] and heading [rad] of the point that moves along its heading."""
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 """Left arc, straight line, right arc: the kinds of Dubins paths."""
@@ -52,11 +50,9 @@ class Arc:
         s : ndarray of float, shape (n,)
             Distance from the start, with the sign of the length [m].
         """
-        x, y, heading = self.start
-        turn = self.curvature * s
-        chord = s * np.sinc(turn / (2.0 * np.pi))
-        course = heading + 0.5 * turn
-        return x + chord * np.cos(course), y + chord * np.sin(course), heading + turn
+        *_, heading = self.start
+        x, y, turn = along_arc(*self.start, self.curvature, s)
+        return x, y, heading + turn
 
     @property
     def end(self) -> Pose:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from excitation_planner.area.fence import START_HEADING_TOLERANCE, START_POSITION_TOLERANCE
-from excitation_planner.area.polygons import seen_from
-from excitation_planner.way_back.dubins import Arc, Pose
+from excitation_planner.way_back.dubins import Arc
 from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import Pose, seen_from
 
 WALKING_SPEED = 0.6
 """Largest [m/s]."""

@@ -14,11 +14,11 @@ import numpy as np
 
 from tricycle_core.errors import PlantError
 from tricycle_core.optional import missing
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.actuators import Motor, SteeringServo
-from tricycle_sim.plants.plant import Pose
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.body import upward
 from tricycle_sim.vehicle.live import LiveState

@@ -8,9 +8,10 @@ from collections.abc import Callable, Collection
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.closing import Closing
 from tricycle_core.errors import ExcitationError, PlantError
+from tricycle_core.poses import Pose
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.own import OwnPlant
-from tricycle_sim.plants.plant import HoldsSpeed, Plant, Pose
+from tricycle_sim.plants.plant import HoldsSpeed, Plant
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan, RigFault
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import ORIGIN, LiveState
