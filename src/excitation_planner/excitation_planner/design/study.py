@@ -39,7 +39,7 @@ from excitation_planner.design.store import (
     Store,
 )
 from excitation_planner.design.study_files import csv_text, read_study_file
-from excitation_planner.design.trajectories import channels_of, read_trajectories
+from excitation_planner.design.study_trajectories import channels_of, read_trajectories
 from excitation_planner.indices.sensitivity import real_outputs
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.documents import write_whole

@@ -269,7 +269,7 @@ class FittingSearch:
     @cached_property
     def _draws(self) -> tuple[FloatArray, FloatArray]:
         """Vehicles of the ranges and steps in each parameter: in the unit box, and values."""
-        unknown, nuisances = Box.of(dict(self.vehicle.unknown)), nuisance_parameters(self.effects)
+        unknown, nuisances = Box.of(self.vehicle.unknown), nuisance_parameters(self.effects)
         k = len(unknown)
         draws = max(1, JUDGING // (k + len(nuisances.steps) + 1))
         U = difference_points(k, draws, seed=self.seed, prior=self.prior, nuisances=nuisances)
