@@ -117,7 +117,7 @@ class _Track:
 
 @dataclass
 class PoseWatch:
-    """Holds each pose against those before it and the velocities between them."""
+    """Compares each pose with those before it and the velocities between them."""
 
     _tracks: deque[_Track] = field(default_factory=deque)
     _changed_at: float = -math.inf
@@ -126,8 +126,8 @@ class PoseWatch:
     def contradiction(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
         """Take a pose; return why no vehicle can have moved there, or an empty string.
 
-        A pose with the stamp of the newest one is none: the answer is the same again. One with an
-        older stamp is held against those before it.
+        A pose with the stamp of the newest one is ignored, and the answer repeated. One with an
+        older stamp is compared with those before it.
 
         Parameters
         ----------
@@ -144,10 +144,10 @@ class PoseWatch:
 
     def _judge(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
         if not state.turns_known:
-            self._tracks.clear()  # nothing tells where it leads
+            self._tracks.clear()  # without a direction no pose can be predicted
             return ""
         while self._tracks and self._tracks[-1].stamp >= stamp:
-            self._tracks.pop()  # of a clock that was ahead: it must not blind the watch until then
+            self._tracks.pop()  # of a clock that was ahead: poses until then would be ignored
         self._changed_at = min(self._changed_at, stamp)
         if not self._tracks:
             self._tracks.append(_Track(stamp, state))

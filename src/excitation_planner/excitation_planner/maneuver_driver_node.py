@@ -54,7 +54,10 @@ except ImportError:
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # of any publisher
 OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 PREFLIGHT_EVERY = 1.0  # s between looks at what a start needs
-REPORTING = "tricycle_bridge: ", "trajectory_recorder: "  # names that the pre-flight heeds
+REPORTING = (
+    "tricycle_bridge: ",
+    "trajectory_recorder: ",
+)  # beginnings of names of diagnostics that the pre-flight shows
 STATE_EVERY = 0.5  # s between repeated state messages while running
 ORIGIN_EVERY = 0.5  # s at least between poses at which a maneuver would start
 ORIGIN_STEP = 0.05  # m or rad by which they differ at least
@@ -457,7 +460,7 @@ class ManeuverDriver(Node):
         self._publish_origin()
 
     def _publish_origin(self) -> None:
-        """Publish where path and reference lie: at the start, and before it now and then."""
+        """Publish where path and reference lie: at the start; before it when the vehicle moves."""
         origin, last, now = self._playback.origin, self._origin, self._now()
         if origin is None or origin is last or not self._playback.duration:
             return

@@ -129,7 +129,9 @@ def _weights(time: FloatArray, at: FloatArray) -> tuple[NDArray[np.int64], Float
 @cache
 def _compiled() -> Callable[..., None]:
     """Return `_add_mean_square` as machine code."""
-    from tricycle_sim.compilation import compiled  # takes a while, and judging a drive does without
+    from tricycle_sim.compilation import (
+        compiled,
+    )  # slow to import; judging a drive does not need it
 
     add: Callable[..., None] = compiled(_add_mean_square)
     return add

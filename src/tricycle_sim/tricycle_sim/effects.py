@@ -1,4 +1,4 @@
-"""Effects: what a real vehicle, its ground and its sensors have and the vehicle file does not know.
+"""Effects: properties of a real vehicle, its ground and its sensors that its file does not contain.
 
 Plans count them and the identification estimates them beside the parameters, each with a Gaussian
 prior of mean 0 (as in the file) that says how large it may be. Most change constants of the
@@ -115,14 +115,14 @@ _PROBABILITIES = {
     **dict.fromkeys(("tyre saturation", SLIP_BY_SPEED), 0.02),  # of simulators
 }
 
-# by law of a part: the law that adds constants to it, and moves alike with these at their defaults
+# by part and law: a law with further constants, with whose defaults the vehicle moves the same
 _EXTENDED = {
     ("servo", "second_order"): "geared",
     ("tyre", "linear"): "softened",
 }
 
-# name, unit, standard deviation; the first set of constants that the vehicle has is changed, by so
-# much per unit, where `None` stands for the constant's own value
+# name, unit, standard deviation; changes of constants per unit of the effect, of which the first
+# set that the vehicle has applies, `None`: by the constant's own value
 _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ...]], ...] = (
     (STEERING_ZERO, "rad", 0.02, ({"steering_offset": 1.0},)),
     (STEERING_GAIN, "1", 0.02, ({"steering_scale": 1.0},)),

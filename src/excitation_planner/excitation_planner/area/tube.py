@@ -39,13 +39,13 @@ ROUGH_EVERY, ROUGH_STOP_EVERY = 0.6, 0.9
 """The same times of a rough tube, with nothing between."""
 
 CACHED = 100_000
-"""Numbers that fit the cache of a processor together."""
+"""Numbers that are worked on at a time: they fit a processor's cache."""
 
 CURVATURES = 128
 """Steering angles at which the curvature of a crawl is computed, and interpolated between."""
 
 SLOWEST = 0.02
-"""Speed below which nothing is to be stopped [m/s]."""
+"""Speed below which the vehicle counts as at rest [m/s]."""
 
 TOLERANCE = 0.01
 """Tolerance by which outlines are simplified, outwards [m]."""

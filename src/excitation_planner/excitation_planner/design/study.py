@@ -62,9 +62,9 @@ class Proposal:
         Number of the maneuver.
     samples : tuple of int, length q
         Numbers of the simulations of this maneuver that are still to be run.
-    x : ndarray (l,)
+    x : ndarray of float, shape (l,)
         Operation parameters.
-    P : ndarray (q, k + e)
+    P : ndarray of float, shape (q, k + e)
         Unknown parameters, followed by the nuisance parameters.
     """
 

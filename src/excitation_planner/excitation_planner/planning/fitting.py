@@ -209,7 +209,7 @@ class FittingSearch:
 
     def _next(self, rng: np.random.Generator) -> FloatArray:
         """Points (b, l) to be tried next."""
-        from scipy.interpolate import RBFInterpolator  # most plans do without
+        from scipy.interpolate import RBFInterpolator  # slow to import; most plans do not need it
         from scipy.spatial.distance import cdist
 
         dimensions = len(self.family.operation)

@@ -92,7 +92,7 @@ def planned_effects(
 ) -> tuple[Effect, ...]:
     """Return the effects that a plan counts; those with another value in each drive come last.
 
-    The deviations are left out: a process has no end of variables.
+    The deviations are left out: a process in time has a variable at every instant.
 
     Parameters
     ----------

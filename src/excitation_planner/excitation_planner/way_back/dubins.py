@@ -19,7 +19,7 @@ WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 """Left arc, straight line, right arc: the kinds of Dubins paths."""
 
 ROUND_OFF = 3e-7
-"""Length below which an arc is none [m]: for it the vehicle would stand and turn its wheels."""
+"""Length below which an arc is left out [m]: the vehicle would stop for it and turn its wheels."""
 
 _SIGN = {"L": 1.0, "S": 0.0, "R": -1.0}
 
@@ -137,7 +137,7 @@ def dubins_arcs(start: Pose, word: str, lengths: FloatArray, radius: float) -> t
 
 
 def _positive(angle: FloatArray) -> FloatArray:
-    """Angle in [0, 2 pi); a whole turn by round-off is none."""
+    """Angle in [0, 2 pi); a whole turn that comes from round-off is 0."""
     turned: FloatArray = np.mod(angle, math.tau)
     # the root of a round-off error of 1e-16 is 1e-8
     return np.where(turned > math.tau - 1e-7, 0.0, turned)

@@ -17,7 +17,7 @@ from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import ORIGIN, LiveState
 
 _VECTORS = {"quaternion", "specific_force", "wheel_speeds", "loads"}
-# what a plant has to tell in numbers: name, whether there are several
+# numbers of a plant's state: name, and whether it is a tuple of them
 _TOLD = [(field.name, field.name in _VECTORS) for field in dataclasses.fields(LiveState)]
 _RESET = {Board.STEER: FaultKind.STEER_RESET, Board.DRIVE: FaultKind.DRIVE_RESET}
 _HANG = {Board.STEER: FaultKind.STEER_HANG, Board.DRIVE: FaultKind.DRIVE_HANG}
