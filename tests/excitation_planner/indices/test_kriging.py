@@ -101,8 +101,15 @@ def test_leave_one_out_is_what_leaving_one_out_gives(model):
         reduced = model.without(left_out)
         mean = reduced.predict(model.X_train_[left_out])[0]
         assert y[i] - mean == pytest.approx(residual[i], rel=1e-3, abs=1e-7)
+        # deviation of ordinary Kriging: the mean is estimated from the other samples
+        here, others = model.X_train_[left_out], model.X_train_[~left_out]
+        K = model.covariances(others, others) + model.nugget_ * np.eye(59)
+        k, ones = model.covariances(others, here)[:, 0], np.ones(59)
+        of_mean = (1 - ones @ np.linalg.solve(K, k)) ** 2 / (ones @ np.linalg.solve(K, ones))
+        own = model.covariances(here, here)[0, 0] + model.nugget_
+        variance = own - k @ np.linalg.solve(K, k) + of_mean
+        assert deviation[i] == pytest.approx(model.deviation_ * np.sqrt(variance), rel=1e-2)
     assert 0 < 1 - model.leave_one_out_q2() < 1e-4
-    assert np.all(deviation > 0)
 
 
 def test_reproduces_an_ill_conditioned_training_set():
