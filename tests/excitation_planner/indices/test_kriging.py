@@ -6,7 +6,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF
 
 from excitation_planner import Kriging
-from excitation_planner.indices.kriging import amplitudes, profiled_likelihood
+from excitation_planner.indices.kriging import _objective, amplitudes, profiled_likelihood
 from excitation_planner.indices.sampling import training_points
 
 
@@ -75,19 +75,16 @@ def test_fit_is_scikit_learns_at_the_same_hyperparameters():
     )
 
 
-def test_gradient_of_the_likelihood_is_its_difference_quotient():
+@pytest.mark.parametrize("objective", [profiled_likelihood, _objective])
+def test_gradient_of_the_likelihood_is_its_difference_quotient(objective):
     rng = np.random.default_rng(0)
     U = rng.uniform(size=(25, 2))
     y = np.sin(4 * U[:, 0]) + U[:, 1]
     for theta in rng.uniform(-1.0, 0.5, size=(5, 7)) - [0, 0, 0, 0, 0, 0, 6]:
-        _, gradient = profiled_likelihood(theta, U, y)
+        _, gradient = objective(theta, U, y)
         h = 1e-5
         quotient = [
-            (
-                profiled_likelihood(theta + h * e, U, y)[0]
-                - profiled_likelihood(theta - h * e, U, y)[0]
-            )
-            / (2 * h)
+            (objective(theta + h * e, U, y)[0] - objective(theta - h * e, U, y)[0]) / (2 * h)
             for e in np.eye(7)
         ]
         assert np.allclose(gradient, quotient, rtol=1e-4, atol=0.05)
