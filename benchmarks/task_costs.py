@@ -20,7 +20,7 @@ from many_drives import TRUTH, VEHICLE, make
 from excitation_planner import Study
 from excitation_planner.box import Box
 from excitation_planner.design.jobs import JobsOfExecutor
-from excitation_planner.design.trajectories import read_trajectories, write_trajectories
+from excitation_planner.design.study_trajectories import read_trajectories, write_trajectories
 from excitation_planner.indices.analytic import MATH_MODEL_UNKNOWN, math_model
 from excitation_planner.indices.sampling import parameter_samples
 from excitation_planner.indices.sensitivity import fit_metamodel

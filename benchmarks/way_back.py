@@ -21,13 +21,14 @@ from excitation_planner.plan_parts import AREA_PARTS
 from excitation_planner.playback import Playback
 from excitation_planner.schedule import Schedule
 from excitation_planner.vehicle_watch import VehicleWatch
-from excitation_planner.way_back.dubins import Arc, Pose
+from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import FreeGround, RouteRequest, find_route
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings, turning_geometry
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
+from tricycle_core.poses import Pose
 from tricycle_core.readiness import Readiness
 from tricycle_core.timing import TICK
 from tricycle_sim.rig.emulated import EmulatedRig

@@ -19,9 +19,9 @@ from pathlib import Path
 import shapely
 
 from excitation_planner.area.area import load_area
-from excitation_planner.area.polygons import placed
 from excitation_planner.area.tube import footprint_of
 from parameter_identification.drives.reader import read_drive
+from tricycle_core.poses import placed
 from tricycle_sim.vehicle import load_vehicle
 
 YARD = "keep_in: [[0, 0], [12, 0], [12, 25], [0, 25]]\nmargin: 0.5\n"

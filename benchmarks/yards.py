@@ -36,7 +36,6 @@ import shapely
 from excitation_planner import Criterion
 from excitation_planner.area.area import Area, StartRegion
 from excitation_planner.area.fence import START_HEADING_TOLERANCE, START_POSITION_TOLERANCE
-from excitation_planner.area.polygons import placed
 from excitation_planner.area.room import Room
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.box import Box
@@ -59,6 +58,7 @@ from excitation_planner.vehicle_watch import VehicleWatch
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
 from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
+from tricycle_core.poses import placed
 from tricycle_core.readiness import Readiness
 from tricycle_core.timing import TICK
 from tricycle_sim.rig.emulated import EmulatedRig

@@ -93,6 +93,11 @@ def test_search_and_equations_work_from_a_folder_without_a_network(site):
     assert {url.partition(":")[0] for url in requests} <= {"file", "data", "blob", "about"}
 
 
+def test_the_first_page_leads_to_every_other():
+    linked = set(re.findall(r"\]\(([\w-]+\.md)\)", (DOCS / "index.md").read_text()))
+    assert {page.name for page in DOCS.glob("*.md")} - linked == {"index.md"}
+
+
 def test_every_package_has_a_page_of_its_interface():
     assert {page.stem for page in (DOCS / "api").glob("*.md")} == PACKAGES
     for package in PACKAGES:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import contains, placed
+from excitation_planner.area.polygons import contains
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.localisation import PlanarState
 from excitation_planner.playback import Playback, PlaybackState
@@ -14,6 +14,7 @@ from excitation_planner.schedule import Schedule
 from excitation_planner.vehicle_watch import VehicleWatch
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.poses import placed
 from tricycle_core.stopping import MAX_PAYLOAD
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host

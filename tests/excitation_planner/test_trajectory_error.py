@@ -39,16 +39,8 @@ def test_linearly_growing_distance_matches_the_sum_of_squares() -> None:
     assert te[0] == pytest.approx(0.04 * (2 * POINTS - 1) / (6 * (POINTS - 1)), rel=1e-12)
 
 
-@pytest.mark.slow
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    samples=st.integers(1, 4),
-    t=st.integers(2, 30),
-    points=st.integers(2, 200),
-)
-def test_block_agrees_with_scipy_interpolating_each_trajectory(
-    seed: int, samples: int, t: int, points: int
-) -> None:
+def assert_as_scipy(seed: int, samples: int, t: int, points: int) -> None:
+    """Compare with SciPy, which interpolates each trajectory, not the deviation."""
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.001, 1.0, t))
     nominal = rng.normal(size=(4, t))
@@ -61,6 +53,23 @@ def test_block_agrees_with_scipy_interpolating_each_trajectory(
         expected.append(trajectory_error(x, y, x0, y0))
     te = NominalTrajectory(time, *nominal, points=points).error(*block)
     np.testing.assert_allclose(te, expected, rtol=1e-9)
+
+
+def test_a_block_is_interpolated_as_scipy_does() -> None:
+    assert_as_scipy(seed=0, samples=3, t=7, points=50)
+
+
+@pytest.mark.slow
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    samples=st.integers(1, 4),
+    t=st.integers(2, 30),
+    points=st.integers(2, 200),
+)
+def test_any_block_is_interpolated_as_scipy_does(
+    seed: int, samples: int, t: int, points: int
+) -> None:
+    assert_as_scipy(seed, samples, t, points)
 
 
 def test_nan_in_one_sample_stays_in_that_sample() -> None:

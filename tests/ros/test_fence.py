@@ -7,12 +7,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import placed
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import JudgeError, NodeError
+from tricycle_core.poses import placed
 from tricycle_core.rotations import yaw_of
 from tricycle_sim.vehicle import load_vehicle
 

@@ -183,7 +183,7 @@ def test_cables_are_pulled_and_the_localisation_jumps_by_parameter(
 def test_where_tf2_msgs_is_installed_the_transform_is_broadcast_with_the_pose(
     start_simulation, watch
 ):
-    """Skipped on the wheels alone, which lack tf2_msgs; docs/installation.md says where it ran."""
+    """Skipped on the wheels alone, which lack tf2_msgs; docs/verified.md says where it ran."""
     messages = pytest.importorskip("tf2_msgs.msg")
     poses, transforms = {}, {}
 

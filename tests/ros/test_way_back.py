@@ -8,7 +8,6 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import placed
 from excitation_planner.maneuver import Circle, with_lead_in
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.drives.measured import Sensor
@@ -17,6 +16,7 @@ from parameter_identification.drives.poses import stamp_of
 from parameter_identification.drives.reader import read_drive, read_way_back
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.operation.session import simulated_session
+from tricycle_core.poses import placed
 from tricycle_core.rotations import yaw_of
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.area.polygons import seen_from
-from excitation_planner.way_back.dubins import Pose
 from excitation_planner.way_back.pursuit import Chassis
 from tricycle_bridge.protocol.units import ANGLE_UNIT
+from tricycle_core.poses import Pose, seen_from
 
 DECAY_TIME = 0.5
 """Time in which a deviation falls by a factor of e [s] ..."""

@@ -9,6 +9,7 @@ import numpy as np
 from excitation_planner.preflight import Check
 from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.diagnostics import Level
+from tricycle_core.poses import Pose
 
 FASTEST = 2.0 * MAX_SPEED
 """Speed beyond which a message is wrong, whatever the vehicle does [m/s]."""
@@ -88,7 +89,7 @@ class PlanarState:
             )
         return ""
 
-    def after(self, time: float) -> tuple[float, float, float]:
+    def after(self, time: float) -> Pose:
         """Return the pose x, y [m], heading [rad] a short time later, at constant motion.
 
         Parameters
@@ -116,7 +117,7 @@ class _Track:
 
 @dataclass
 class PoseWatch:
-    """Holds each pose against those before it and the velocities between them.
+    """Compares each pose with those before it and the velocities between them.
 
     Attributes
     ----------
@@ -134,8 +135,8 @@ class PoseWatch:
     def contradiction(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
         """Take a pose; return why no vehicle can have moved there, or an empty string.
 
-        A pose with the stamp of the newest one is none: the answer is the same again. One with an
-        older stamp is held against those before it.
+        A pose with the stamp of the newest one is ignored, and the answer repeated. One with an
+        older stamp is compared with those before it.
 
         Parameters
         ----------
@@ -163,10 +164,10 @@ class PoseWatch:
 
     def _judge(self, state: PlanarState, stamp: float) -> str:
         if not state.turns_known:
-            self._tracks.clear()  # nothing tells where it leads
+            self._tracks.clear()  # without a direction no pose can be predicted
             return ""
         while self._tracks and self._tracks[-1].stamp >= stamp:
-            self._tracks.pop()  # of a clock that was ahead: it must not blind the watch until then
+            self._tracks.pop()  # of a clock that was ahead: poses until then would be ignored
         if not self._tracks:
             self._tracks.append(_Track(stamp, state))
             return ""
@@ -201,7 +202,7 @@ class RestingPoses:
         while poses[0][0] < stamp - WINDOW:
             poses.popleft()
 
-    def mean(self) -> tuple[float, float, float] | None:
+    def mean(self) -> Pose | None:
         """Return the mean pose x, y [m] and yaw [rad]; None without any."""
         if not self._poses:
             return None

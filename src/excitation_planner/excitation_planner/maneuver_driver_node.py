@@ -38,6 +38,7 @@ from tricycle_core.joints import JOINTS, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.namesakes import namesakes
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, publisher_names, run_node
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
 from tricycle_core.readiness import Readiness
@@ -53,7 +54,10 @@ except ImportError:
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # of any publisher
 OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 PREFLIGHT_EVERY = 1.0  # s between looks at what a start needs
-REPORTING = "tricycle_bridge: ", "trajectory_recorder: "  # names that the pre-flight heeds
+REPORTING = (
+    "tricycle_bridge: ",
+    "trajectory_recorder: ",
+)  # beginnings of names of diagnostics that the pre-flight shows
 STATE_EVERY = 0.5  # s between repeated state messages while running
 ORIGIN_EVERY = 0.5  # s at least between poses at which a maneuver would start
 ORIGIN_STEP = 0.05  # m or rad by which they differ at least
@@ -110,7 +114,7 @@ def _footprint(message: PolygonStamped) -> FloatArray:
     return np.array([(p.x, p.y) for p in message.polygon.points]).reshape(-1, 2)
 
 
-def _planned_start(message: PoseStamped) -> tuple[float, float, float]:
+def _planned_start(message: PoseStamped) -> Pose:
     position, orientation = message.pose.position, message.pose.orientation
     if not is_unit(orientation):
         raise PlanError("orientation is not a unit quaternion")
@@ -142,6 +146,25 @@ class ManeuverDriver(Node):
 
     def __init__(self) -> None:
         super().__init__("maneuver_driver")
+        self._name = self.get_fully_qualified_name()
+        self._ticked = time.monotonic()
+        self._simulated = bool(self.get_parameter("use_sim_time").value)
+        self._playback = self._declared_playback()
+        self._recording_needed = declare(
+            self, "recording_needed", False, "refuse to start while no bag is recorded"
+        )
+        self._routes = RouteSearch()
+        self._published: tuple[object, ...] = ()  # content of the last maneuver/state
+        self._reports: dict[str, Report] = {}  # of other nodes, by the name of their part
+        self._origin: PlanarState | None = None  # last one published
+        self._origin_at = -math.inf
+        self._odom_frame = ""
+        self._advertise()
+        self._subscribe()
+        self._start_ticking()
+
+    def _declared_playback(self) -> Playback:
+        """Return a playback with the limits that the node's parameters have."""
         deviation = declare(self, "max_deviation", 3.0, "m off the path that end a run", (0.1, 100))
         pose = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
         state = declare(
@@ -163,44 +186,34 @@ class ManeuverDriver(Node):
             False,
             "drive commands that come without maneuver/ground, from publishers that have none",
         )
-        self._recording_needed = declare(
-            self, "recording_needed", False, "refuse to start while no bag is recorded"
+        watch = VehicleWatch(
+            odom_timeout=pose,
+            state_timeout=state,
+            commander=self._name,
+            clock_tolerance=OVERTAKING if self._simulated else CLOCK_TOLERANCE,
+            hold_timeout=hold,
         )
-        self._name = self.get_fully_qualified_name()
-        self._ticked = time.monotonic()
-        self._simulated = bool(self.get_parameter("use_sim_time").value)
-        self._playback = Playback(
-            VehicleWatch(
-                odom_timeout=pose,
-                state_timeout=state,
-                commander=self._name,
-                clock_tolerance=OVERTAKING if self._simulated else CLOCK_TOLERANCE,
-                hold_timeout=hold,
-            ),
+        return Playback(
+            watch,
             max_deviation=deviation,
             countdown=countdown,
             ground_needed=not unfenced,
             chassis=self._chassis(),
         )
-        self._routes = RouteSearch()
-        self._published: tuple[object, ...] = ()  # content of the last maneuver/state
+
+    def _advertise(self) -> None:
+        def latched(kind: type, topic: str) -> Any:
+            return self.create_publisher(kind, topic, **overridable(LATCHED))
+
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(RECORDED))
-        self._state = self.create_publisher(
-            DiagnosticStatus, "maneuver/state", **overridable(LATCHED)
-        )
-        self._reports: dict[str, Report] = {}  # of other nodes, by the name of their part
-        self._preflight = self.create_publisher(
-            DiagnosticArray, "maneuver/preflight", **overridable(LATCHED)
-        )
-        self._running = self.create_publisher(Bool, "maneuver/running", **overridable(LATCHED))
-        self._countdown = self.create_publisher(UInt8, "maneuver/countdown", **overridable(LATCHED))
-        self._start = self.create_publisher(PoseStamped, "maneuver/start", **overridable(LATCHED))
-        self._static = TFMessage and self.create_publisher(
-            TFMessage, "/tf_static", **overridable(LATCHED)
-        )
-        self._origin: PlanarState | None = None  # last one published
-        self._origin_at = -math.inf
-        self._odom_frame = ""
+        self._state = latched(DiagnosticStatus, "maneuver/state")
+        self._preflight = latched(DiagnosticArray, "maneuver/preflight")
+        self._running = latched(Bool, "maneuver/running")
+        self._countdown = latched(UInt8, "maneuver/countdown")
+        self._start = latched(PoseStamped, "maneuver/start")
+        self._static = TFMessage and latched(TFMessage, "/tf_static")
+
+    def _subscribe(self) -> None:
         for kind, topic, callback, qos in (
             (JointTrajectory, "maneuver/commands", self._on_commands, LATCHED),
             (Path, "maneuver/path", self._on_path, LATCHED),
@@ -215,11 +228,16 @@ class ManeuverDriver(Node):
         for part, (kind, read) in AREA_MESSAGES.items():
             callback = partial(self._on_area, part, read)
             self.create_subscription(kind, f"maneuver/{part}", callback, **overridable(LATCHED))
-        self.create_service(Trigger, "~/preflight", self._on_preflight)
-        self.create_service(Trigger, "~/start", self._on_start)
-        self.create_service(Trigger, "~/go_back", self._on_go_back)
-        self.create_service(Trigger, "~/finish", self._on_finish)
-        self.create_service(Trigger, "~/abort", self._on_abort)
+        for name, service in (
+            ("~/preflight", self._on_preflight),
+            ("~/start", self._on_start),
+            ("~/go_back", self._on_go_back),
+            ("~/finish", self._on_finish),
+            ("~/abort", self._on_abort),
+        ):
+            self.create_service(Trigger, name, service)
+
+    def _start_ticking(self) -> None:
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also while /clock stands still
         self.create_timer(PREFLIGHT_EVERY, self._publish_preflight, clock=steady)
         if self._simulated:
@@ -456,7 +474,7 @@ class ManeuverDriver(Node):
         self._publish_origin()
 
     def _publish_origin(self) -> None:
-        """Publish where path and reference lie: at the start, and before it now and then."""
+        """Publish where path and reference lie: at the start; before it when the vehicle moves."""
         origin, last, now = self._playback.origin, self._origin, self._now()
         if origin is None or origin is last or not self._playback.duration:
             return

@@ -27,6 +27,7 @@ from tricycle_core.documents import (
     write_whole,
 )
 from tricycle_core.errors import CommandsError, PlanError
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 
@@ -241,7 +242,7 @@ class Plan:
     reference: Reference
     search: SearchHistory | None = None
     area: Area | None = None
-    start_pose: tuple[float, float, float] | None = None
+    start_pose: Pose | None = None
     clearance: float | None = None
     tube: tuple[FloatArray, ...] = ()
     stopping_zone: tuple[FloatArray, ...] = ()

@@ -16,19 +16,19 @@ from excitation_planner.area.fence import (
     START_POSITION_TOLERANCE,
     Fence,
 )
-from excitation_planner.area.polygons import seen_from
 from excitation_planner.line_keeping import LineKeeping
 from excitation_planner.localisation import WINDOW, PlanarState, PoseWatch, RestingPoses
 from excitation_planner.plan_parts import PlanParts
 from excitation_planner.preflight import Check
 from excitation_planner.schedule import Schedule
 from excitation_planner.vehicle_watch import CLOCK_TOLERANCE, VehicleWatch
-from excitation_planner.way_back.dubins import Arc, Pose
+from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis, WayBack
 from excitation_planner.way_back.route import RouteRequest
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
+from tricycle_core.poses import Pose, seen_from
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import Readiness
 
@@ -552,27 +552,9 @@ class Playback:
             self.abort(reason)
             return self._held
         if self.start_time is None:
-            if self._stood is None and now - self._asked_at >= WINDOW:
-                self._stood = self._resting.mean()
-            waited = now - self._asked_at - self.countdown
-            self.seconds_left = max(0, math.ceil(-waited - 1e-6))
-            if self.seconds_left:
-                return None
-            if waited < PREPARATION - 1e-6:
-                self._held = JointCommand(float(schedule.steering_motor_angle[0]), 0.0)
-                return self._held
-            late = waited >= PREPARATION + ARRIVAL - 1e-6
-            first = float(schedule.steering_motor_angle[0])
-            unready = self.watch.turning(first, now, late=late) or self.watch.moves()
-            unfit = self._displaced() or self._off_start()
-            if unfit or (unready and late):
-                self.abort(unfit or unready)
-            if unfit or unready:
-                return self._held
-            # by the poses since the start was asked for: the vehicle may have moved before
-            if self._plan is not None:
-                self._line_keeping = self._line_keeping_of(self._plan) or self._line_keeping
-            self.start_time, self.state = now, PlaybackState.RUNNING
+            self._prepare(schedule, now)
+        if self.start_time is None:  # the run has not begun, or was aborted
+            return None if self.seconds_left else self._held
         self.elapsed = now - self.start_time
         if self.elapsed >= schedule.duration - 1e-6:
             self._end(PlaybackState.DONE, float(schedule.steering_motor_angle[-1]))
@@ -585,6 +567,29 @@ class Playback:
             float(schedule.wheel_rate[row]),
         )
         return self._held
+
+    def _prepare(self, schedule: Schedule, now: float) -> None:
+        """Count down, turn the wheels to their first angle, wait for rest; then the run begins."""
+        if self._stood is None and now - self._asked_at >= WINDOW:
+            self._stood = self._resting.mean()
+        waited = now - self._asked_at - self.countdown
+        self.seconds_left = max(0, math.ceil(-waited - 1e-6))
+        if self.seconds_left:
+            return
+        first = float(schedule.steering_motor_angle[0])
+        if waited < PREPARATION - 1e-6:
+            self._held = JointCommand(first, 0.0)
+            return
+        late = waited >= PREPARATION + ARRIVAL - 1e-6
+        unready = self.watch.turning(first, now, late=late) or self.watch.moves()
+        unfit = self._displaced() or self._off_start()
+        if unfit or (unready and late):
+            self.abort(unfit or unready)
+        elif not unready:
+            # by the poses since the start was asked for: the vehicle may have moved before
+            if self._plan is not None:
+                self._line_keeping = self._line_keeping_of(self._plan) or self._line_keeping
+            self.start_time, self.state = now, PlaybackState.RUNNING
 
     def _line_keeping_of(self, plan: _Plan) -> LineKeeping | None:
         """Return the line keeping of a plan's lead-in, from the resting pose; None without one."""

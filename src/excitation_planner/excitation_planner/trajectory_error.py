@@ -133,7 +133,9 @@ def _forms_of(time: FloatArray, points: int) -> FloatArray:
 @cache
 def _compiled() -> Callable[..., None]:
     """Return `_add_mean_square` as machine code."""
-    from tricycle_sim.compilation import compiled  # takes a while, and judging a drive does without
+    from tricycle_sim.compilation import (
+        compiled,
+    )  # slow to import; judging a drive does not need it
 
     add: Callable[..., None] = compiled(_add_mean_square)
     return add

@@ -15,7 +15,7 @@ CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
 
 ARRIVED = 0.05
-"""Difference between measured and commanded angle of the steering motor that is none [rad]."""
+"""Deviation of the steering motor from its command within which it has arrived [rad]."""
 
 MUST_STAND = "it must stand still"
 """Why a start is refused that comes too soon."""
@@ -208,7 +208,7 @@ class VehicleWatch:
         now : float
             Present time [s].
         late : bool
-            Whether there was time enough: what the steer board takes for no fault is none then.
+            Whether there was time enough; then the steer board's own tolerance is allowed.
         """
         off = abs(angle - self._angle)
         allowed = TRACKING_ERROR if late else ARRIVED

@@ -114,7 +114,7 @@ def replacing(path: Path) -> Iterator[Path]:
         partial.replace(path)
     except OSError as error:
         if error.errno is not None and error.filename in (None, str(partial)):
-            raise OSError(error.errno, error.strerror, str(path)) from error  # as the disk is full
+            raise OSError(error.errno, error.strerror, str(path)) from error  # e.g. a full disk
         raise
     finally:
         partial.unlink(missing_ok=True)
@@ -137,7 +137,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     """Return the values of a JSON text in UTF-8; infinite numbers are allowed, NaN is not.
 
-    Its texts can be printed: `check_texts`.
+    All its texts are printable, see `check_texts`.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
 
 
 def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
-    """Return the values of a YAML text in UTF-8; aliases are refused: a file can explode by them.
+    """Return the values of a YAML text in UTF-8; no aliases: they can blow up a small file.
 
     Parameters
     ----------
@@ -181,10 +181,10 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        If it is not YAML, has aliases, a key twice in one mapping, or a number that YAML 1.1 takes
-        for octal or of the base 60 (010 is 8, 1:30 is 90); of the type `error`, with the line.
+        If it is not YAML, has aliases, a key twice in one mapping, or a number that YAML 1.1 reads
+        as octal or to the base 60 (010 is 8, 1:30 is 90); of the type `error`, with the line.
     """
-    import yaml  # plans do without
+    import yaml  # slow to import, and plans need none
 
     class Loader(yaml.SafeLoader):
         def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
@@ -220,7 +220,7 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
         line = f":{mark.line + 1}" if mark else ""
         fault = getattr(problem, "problem", None) or getattr(problem, "reason", None) or problem
         raise error(f"{where}{line}: is not valid YAML: {fault}") from problem
-    # numbers beyond all bounds, dates that do not exist, lists a thousand deep, tags that lie
+    # numbers out of range, dates that do not exist, deep nesting, wrong tags
     except (
         *(ValueError, OverflowError, RecursionError),
         *(LookupError, AttributeError, TypeError),
@@ -317,7 +317,7 @@ def encode(document: object) -> Any:
         return {encode(name): encode(value) for name, value in document.items()}
     if isinstance(document, list | tuple):
         return [encode(value) for value in document]
-    import msgspec  # takes a while, and help and mistakes of a command do without
+    import msgspec  # slow to import; --help and errors do not need it
 
     return msgspec.to_builtins(document, enc_hook=_plain)
 
@@ -445,7 +445,7 @@ _NO_NUMBERS = (bool, str, type(None))
 
 
 def _special(kind: type, value: object) -> object:
-    import numpy as np  # takes a while, and nodes that have no arrays do without
+    import numpy as np  # slow to import; nodes without arrays do not need it
 
     if getattr(kind, "__origin__", kind) is np.ndarray:
         try:
@@ -455,7 +455,7 @@ def _special(kind: type, value: object) -> object:
         if (
             isinstance(value, list)
             and array is not None
-            # which NumPy takes for 1, 2 and NaN: true, "2" and null
+            # NumPy would convert true, "2" and null to 1, 2 and NaN
             and not any(isinstance(v, _NO_NUMBERS) for v in np.array(value, dtype=object).flat)
         ):
             return array

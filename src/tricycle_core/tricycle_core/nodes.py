@@ -53,8 +53,8 @@ For 10 s at 100 Hz, or for a second of a simulation at ten times real time.
 """
 
 _ENDING: list[int] = []  # signals that told the process to end
-# an event would do but for its lock: a second signal while the first one's handler holds it
-# would wait for itself, for ever
+# not an Event: a second signal, while the first one's handler holds the Event's lock, would wait
+# for ever
 
 _MISTAKES = (
     ValueError,
@@ -231,7 +231,7 @@ def _check_arguments() -> None:
 def _warn_of_unknown_parameters(node: Node) -> None:
     """Say which parameters that were given are none of the node's; rclpy passes over them."""
     known = node.list_parameters([], 0).names
-    for name in node._parameter_overrides:  # noqa: SLF001 - rclpy tells them no other way
+    for name in node._parameter_overrides:  # noqa: SLF001 - rclpy has no public access
         if not node.has_parameter(name):
             hint = did_you_mean(name, known) or "--help lists those there are"
             node.get_logger().warning(f"{name} is not a parameter of this node: {hint}")
@@ -252,7 +252,7 @@ def _told(mistake: Exception) -> str:
 
 
 def ending() -> bool:
-    """Return whether the process was told to end: what waits elsewhere than the executor asks."""
+    """Return whether the process was told to end; for loops that wait outside the executor."""
     return bool(_ENDING)
 
 
@@ -283,7 +283,7 @@ def run_node(factory: Callable[[], Node]) -> None:
     ends = ending_signals()
     for number in ends:
         signal.signal(number, stop)
-    # what libraries have to say: the vehicle model says when it compiles
+    # messages of libraries, e.g. that the vehicle model is being compiled
     logging.basicConfig(format="[INFO] [%(name)s]: %(message)s", level=logging.INFO)
     node: Node | None = None
     executor: SingleThreadedExecutor | None = None

@@ -27,12 +27,12 @@ class Commands:
 
     Parameters
     ----------
-    time : shape (c,)
+    time : array_like of float, shape (c,)
         Seconds from the start: starts at 0, strictly increasing, ends after a tick of 10 ms or more
         and a day or less.
-    steering_motor_angle : shape (c,)
+    steering_motor_angle : array_like of float, shape (c,)
         Target of the steering motor [rad], left positive.
-    speed : shape (c,)
+    speed : array_like of float, shape (c,)
         Target of the rear wheel's speed times tyre radius [m/s], negative backwards.
 
     Raises

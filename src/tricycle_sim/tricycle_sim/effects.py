@@ -1,4 +1,4 @@
-"""Effects: what a real vehicle, its ground and its sensors have and the vehicle file does not know.
+"""Effects: properties of a real vehicle, its ground and its sensors that its file does not contain.
 
 Plans count them and the identification estimates them beside the parameters, each with a Gaussian
 prior of mean 0 (as in the file) that says how large it may be. Most change constants of the
@@ -115,14 +115,14 @@ _PROBABILITIES = {
     **dict.fromkeys(("tyre saturation", SLIP_BY_SPEED), 0.02),  # of simulators
 }
 
-# by law of a part: the law that adds constants to it, and moves alike with these at their defaults
+# by part and law: a law with further constants, with whose defaults the vehicle moves the same
 _EXTENDED = {
     ("servo", "second_order"): "geared",
     ("tyre", "linear"): "softened",
 }
 
-# name, unit, standard deviation; the first set of constants that the vehicle has is changed, by so
-# much per unit, where `None` stands for the constant's own value
+# name, unit, standard deviation; changes of constants per unit of the effect, of which the first
+# set that the vehicle has applies, `None`: by the constant's own value
 _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ...]], ...] = (
     (STEERING_ZERO, "rad", 0.02, ({"steering_offset": 1.0},)),
     (STEERING_GAIN, "1", 0.02, ({"steering_scale": 1.0},)),
@@ -225,42 +225,56 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
         If a name is not one of an effect.
     """
     check_effects(names)
-    effects = []
     extended = extend(vehicle, _extensions(vehicle))
-    for name, unit, std, choices in _OF_CONSTANTS:
-        if option_of(name) not in names:
-            continue
-        owned = next((c for c in choices if set(c) <= set(extended.values)), None)
-        if owned is not None and not set(owned) & set(vehicle.unknown):
-            change = {c: extended.values[c] if per is None else per for c, per in owned.items()}
-            change = {c: per for c, per in change.items() if per}  # a share of 0 changes nothing
-            if not change:
-                continue
-            if name == WHEEL_RADIUS:  # of all tyres
-                radii = {c: v for c, v in extended.values.items() if c.endswith("tyre_radius")}
-                if set(radii) & set(vehicle.unknown):
-                    continue
-                change |= radii
-            low, high = _limits(extended, change, std)
-            per_drive = name.startswith("slope")
-            parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
-            step = max(_COARSE.get(constant, Effect.step) for constant in owned)
-            effects.append(
-                Effect(
-                    *(name, unit, std, change, parts, low, high, per_drive),
-                    step=step,
-                    prior_probability=_PROBABILITIES.get(name, Effect.prior_probability),
-                )
-            )
-    for e in _OTHERS:
-        if e.option not in names:
-            continue
-        if e.name == SERVO_DEAD_TIME:
-            if "servo_delay" in vehicle.unknown:
-                continue
-            e = dataclasses.replace(e, low=-vehicle.values.get("servo_delay", 0.0))
-        effects.append(e)
-    return tuple(effects)
+    found = [
+        *(
+            _of_constants(vehicle, extended, *row)
+            for row in _OF_CONSTANTS
+            if option_of(row[0]) in names
+        ),
+        *(_of_motion(vehicle, e) for e in _OTHERS if e.option in names),
+    ]
+    return tuple(e for e in found if e is not None)
+
+
+def _of_constants(
+    vehicle: Vehicle,
+    extended: Vehicle,
+    name: str,
+    unit: str,
+    std: float,
+    choices: Sequence[Mapping[str, float | None]],
+) -> Effect | None:
+    """An effect on constants; None if the vehicle has none of them, or one of them is unknown."""
+    owned = next((c for c in choices if set(c) <= set(extended.values)), None)
+    if owned is None or set(owned) & set(vehicle.unknown):
+        return None
+    change = {c: extended.values[c] if per is None else per for c, per in owned.items()}
+    change = {c: per for c, per in change.items() if per}  # a share of 0 changes nothing
+    if not change:
+        return None
+    if name == WHEEL_RADIUS:  # of all tyres
+        radii = {c: v for c, v in extended.values.items() if c.endswith("tyre_radius")}
+        if set(radii) & set(vehicle.unknown):
+            return None
+        change |= radii
+    low, high = _limits(extended, change, std)
+    parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
+    return Effect(
+        *(name, unit, std, change, parts, low, high),
+        per_drive=name.startswith("slope"),
+        step=max(_COARSE.get(constant, Effect.step) for constant in owned),
+        prior_probability=_PROBABILITIES.get(name, Effect.prior_probability),
+    )
+
+
+def _of_motion(vehicle: Vehicle, effect: Effect) -> Effect | None:
+    """An effect that changes no constant; None if an unknown constant stands for it."""
+    if effect.name != SERVO_DEAD_TIME:
+        return effect
+    if "servo_delay" in vehicle.unknown:
+        return None
+    return dataclasses.replace(effect, low=-vehicle.values.get("servo_delay", 0.0))
 
 
 def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:

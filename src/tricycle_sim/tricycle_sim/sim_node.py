@@ -24,6 +24,7 @@ from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import ExcitationError, LinkError, VehicleError
 from tricycle_core.frames import BASE_LINK, ODOM
 from tricycle_core.nodes import RECORDED, declare, ending, overridable, run_node, time_message
+from tricycle_core.poses import Pose
 from tricycle_core.rotations import about_vertical
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
@@ -34,7 +35,7 @@ from tricycle_sim.rig.faults import FaultKind
 from tricycle_sim.rig.firmware import FirmwareRig
 from tricycle_sim.rig.localisation import PoseNoise, measure_pose
 from tricycle_sim.rig.rig import Rig
-from tricycle_sim.vehicle import draw_truth, load_vehicle
+from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 from tricycle_sim.vehicle.live import LiveState
 
 try:  # in a ROS installation, but not among the wheels
@@ -67,6 +68,7 @@ START_PARAMETERS = {
     "start_heading": (math.tau, "rad, of the vehicle at its start, also after ~/reset"),
 }
 NOISE = 1  # number of its sequence of random numbers
+LARGEST_SEED = 2**31 - 1  # of a parameter
 HOST_SILENCE = 2.0  # s of wall time after which a host is not waited for any more
 UNKNOWN_VARIANCE = 1e6  # of what odom does not measure; 0 would mean exact
 
@@ -76,65 +78,18 @@ class TricycleSim(Node):
 
     def __init__(self) -> None:
         super().__init__("tricycle_sim")
-        largest = 2**31 - 1
-        vehicle_file = declare(self, "vehicle_file", "", "YAML; empty: the packaged tricycle")
-        truth_seed = declare(
-            self, "true_seed", -1, "of the hidden true parameters; -1: nominal", (-1, largest)
-        )
-        truth_pairs = declare(self, "true_values", [""], "name=value of parameters that are known")
+        vehicle = self._true_vehicle()
         noise_seed = declare(
             self,
             "noise_seed",
             -1,
             "of the measurement noise; -1: another at every start",
-            (-1, largest),
+            (-1, LARGEST_SEED),
         )
         if noise_seed < 0:
-            noise_seed = int(np.random.default_rng().integers(largest))
-        plc = declare(self, "plc", "emulated", "emulated, or firmware: on simulated UNOs")
-        plant_name = declare(
-            self, "plant", OWN, "what the boards drive: our own model, mujoco, or an installed one"
-        )
-        build = declare(self, "firmware", "build/firmware", "what `make firmware` builds into")
-        folder = "/tmp/tricycle"  # noqa: S108 - a device path that every user knows
-        ports = {
-            board: declare(
-                self, f"{name}_port", f"{folder}/{name}", f"link to the {name} PLC's pty"
-            )
-            for board, name in ((Board.STEER, "steer"), (Board.DRIVE, "drive"))
-        }
-        if ports[Board.STEER] == ports[Board.DRIVE]:
-            raise LinkError(f"steer_port and drive_port are both {ports[Board.STEER]}")
-        for name, (default, high, about) in LIVE_PARAMETERS.items():
-            declare(self, name, default, about, (0.0, high), read_only=False)
-        for name, (limit, about) in START_PARAMETERS.items():
-            declare(self, name, 0.0, about, (-limit, limit), read_only=False)
-        declare(self, "faults", [""], f"what fails now, of: {', '.join(FAULTS)}", read_only=False)
-        self._jump, self._failing = 0.0, frozenset[FaultKind]()
-        _check_faults(self.get_parameter("faults").value)
-        self.add_on_set_parameters_callback(_refuse_unknown)
-        self._on_parameters([])
-        self.add_post_set_parameters_callback(self._on_parameters)
-        vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
-        truth = draw_truth(vehicle, np.random.default_rng(truth_seed)) if truth_seed >= 0 else {}
-        vehicle = vehicle.replace(**(truth | _numbers_by_name(truth_pairs)))
-        if plc not in ("emulated", "firmware"):
-            raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
-        with contextlib.ExitStack() as failing:  # leaves no file of the plant or the ports
-            plant = plant_by_name(plant_name, vehicle, noise_seed)
-            failing.callback(plant.close)
-            self._rig: Rig
-            if plc == "firmware":
-                self._rig = FirmwareRig(vehicle, Path(build), plant=plant)
-            else:
-                self._rig = EmulatedRig(vehicle, plant=plant)
-            if any(self._start_pose()):
-                self._rig.reset(self._start_pose())
-            self._ports: dict[Board, PtyPort] = {}
-            for board, path in ports.items():
-                self._ports[board] = PtyPort(path)
-                failing.callback(self._ports[board].close)
-            failing.pop_all()
+            noise_seed = int(np.random.default_rng().integers(LARGEST_SEED))
+        self._declare_live()
+        self._rig, self._ports = self._made_boards(vehicle, noise_seed)
         # another sequence than that of the hidden truth, which may have the same seed
         self._rng = np.random.default_rng([noise_seed, NOISE])
         self._clock_publisher = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
@@ -156,6 +111,64 @@ class TricycleSim(Node):
         self._thread.start()
         self.create_timer(0.5, self._end_with_simulation)
 
+    def _true_vehicle(self) -> Vehicle:
+        """Return the vehicle that is simulated: some values of the file may be replaced."""
+        file = declare(self, "vehicle_file", "", "YAML; empty: the packaged tricycle")
+        seed = declare(
+            self, "true_seed", -1, "of the hidden true parameters; -1: nominal", (-1, LARGEST_SEED)
+        )
+        pairs = declare(self, "true_values", [""], "name=value of parameters that are known")
+        vehicle = load_vehicle(Path(file) if file else None)
+        truth = draw_truth(vehicle, np.random.default_rng(seed)) if seed >= 0 else {}
+        return vehicle.replace(**(truth | _numbers_by_name(pairs)))
+
+    def _declare_live(self) -> None:
+        """Declare the parameters that can be set at any time, and take their values."""
+        for name, (default, high, about) in LIVE_PARAMETERS.items():
+            declare(self, name, default, about, (0.0, high), read_only=False)
+        for name, (limit, about) in START_PARAMETERS.items():
+            declare(self, name, 0.0, about, (-limit, limit), read_only=False)
+        declare(self, "faults", [""], f"what fails now, of: {', '.join(FAULTS)}", read_only=False)
+        _check_faults(self.get_parameter("faults").value)
+        self.add_on_set_parameters_callback(_refuse_unknown)
+        self._on_parameters([])
+        self.add_post_set_parameters_callback(self._on_parameters)
+
+    def _made_boards(self, vehicle: Vehicle, seed: int) -> tuple[Rig, dict[Board, PtyPort]]:
+        """Return the boards with their plant, and their ports; of all, or nothing is left."""
+        plc = declare(self, "plc", "emulated", "emulated, or firmware: on simulated UNOs")
+        name = declare(
+            self, "plant", OWN, "what the boards drive: our own model, mujoco, or an installed one"
+        )
+        build = declare(self, "firmware", "build/firmware", "what `make firmware` builds into")
+        folder = "/tmp/tricycle"  # noqa: S108 - a device path that every user knows
+        paths = {
+            board: declare(
+                self, f"{side}_port", f"{folder}/{side}", f"link to the {side} PLC's pty"
+            )
+            for board, side in ((Board.STEER, "steer"), (Board.DRIVE, "drive"))
+        }
+        if paths[Board.STEER] == paths[Board.DRIVE]:
+            raise LinkError(f"steer_port and drive_port are both {paths[Board.STEER]}")
+        if plc not in ("emulated", "firmware"):
+            raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
+        with contextlib.ExitStack() as failing:
+            plant = plant_by_name(name, vehicle, seed)
+            failing.callback(plant.close)
+            rig: Rig
+            if plc == "firmware":
+                rig = FirmwareRig(vehicle, Path(build), plant=plant)
+            else:
+                rig = EmulatedRig(vehicle, plant=plant)
+            if any(self._start_pose()):
+                rig.reset(self._start_pose())
+            ports: dict[Board, PtyPort] = {}
+            for board, path in paths.items():
+                ports[board] = PtyPort(path)
+                failing.callback(ports[board].close)
+            failing.pop_all()
+        return rig, ports
+
     def _on_parameters(self, _parameters: list[Parameter]) -> None:
         value = {name: float(self.get_parameter(name).value) for name in LIVE_PARAMETERS}
         self._factor, self._patience = value["real_time_factor"], value["host_patience"]
@@ -169,7 +182,7 @@ class TricycleSim(Node):
         names = self.get_parameter("faults").value
         self._failing = frozenset(FAULTS[name] for name in names if name)  # taken at the next tick
 
-    def _start_pose(self) -> tuple[float, float, float]:
+    def _start_pose(self) -> Pose:
         x, y, heading = (float(self.get_parameter(name).value) for name in START_PARAMETERS)
         return x, y, heading
 

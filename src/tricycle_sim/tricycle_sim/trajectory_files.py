@@ -92,7 +92,7 @@ def _save_parquet(columns: dict[str, FloatArray], path: Path) -> None:
 
 def _save_mcap(columns: dict[str, FloatArray], path: Path, *, samples: int) -> None:
     """Write JSON messages, which Foxglove plots as they are; a topic for each sample."""
-    from mcap.writer import Writer  # takes a while, and the other files do without
+    from mcap.writer import Writer  # slow to import; other files do not need it
 
     schema = {
         "type": "object",

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from excitation_planner.area.area import MAX_CORNERS, Area, StartRegion
 from excitation_planner.area.fence import ARC_SPACING, MAX_ARCS, SPACING, Fence
-from excitation_planner.area.polygons import contains, placed, rings_of, seen_from
+from excitation_planner.area.polygons import contains, rings_of
 from excitation_planner.area.room import Room
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.area.tube import crawl_curvature, footprint_of, tube_of
@@ -19,6 +19,7 @@ from excitation_planner.localisation import PlanarState, PoseWatch
 from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import placed, seen_from
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands

@@ -6,7 +6,8 @@ import shapely
 
 from excitation_planner.area.area import Area, StartRegion
 from excitation_planner.area.placement import _Sampled, at_pose, best_placement
-from excitation_planner.area.polygons import placed, seen_from, signed_distance
+from excitation_planner.area.polygons import signed_distance
+from tricycle_core.poses import placed, seen_from
 
 TUBE = shapely.box(-1.0, -1.0, 9.0, 2.0)  # 10 m along, 3 m across
 

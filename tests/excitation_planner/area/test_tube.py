@@ -5,11 +5,11 @@ import pytest
 import shapely
 
 from excitation_planner.area import tube as tubes
-from excitation_planner.area.polygons import placed
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.area.tube import BEYOND, footprint_of, tube_of
 from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning.replay import nominal_run
+from tricycle_core.poses import placed
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle

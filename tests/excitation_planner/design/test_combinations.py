@@ -44,6 +44,29 @@ def test_what_a_family_cannot_show_does_not_count(criterion):
     assert points[0].tolist() == [1.0, 1.0]
 
 
+def test_what_another_family_shows_need_not_be_shown_twice():
+    """Alone a drive of the first family should show both parameters, here only the other one."""
+
+    def either(x, P):
+        return np.stack([x[0] * P[:, :1] * TIME, (3.5 - x[0]) * P[:, 1:] * TIME], axis=-1)
+
+    alone, _ = found(either)
+    assert alone[0, 0] == pytest.approx(0.5, abs=0.1)
+    points, _ = found(either, shows(1))
+    assert points[0].tolist() == [1.0, 1.0]
+
+
+def test_a_maneuver_is_not_better_for_the_vehicles_that_roll_over_in_it():
+    def rolls_over_if_slow(x, P):
+        Y = (1.0 + 0.1 * (x[0] > 1.75)) * P[:, :1, None] * TIME[:, None]
+        if x[0] < 1.75:
+            Y[P[:, 0] > 1.5] = np.nan  # two of four vehicles
+        return Y
+
+    points, _ = found(rolls_over_if_slow, criterion=Criterion.C)
+    assert points[0, 0] > 0.5
+
+
 def test_a_family_without_any_maneuver_leaves_nothing():
     def none(x, P):
         raise InfeasibleManeuver("too fast")

@@ -12,12 +12,14 @@ from excitation_planner import (
     Verdict,
     design_excitation,
 )
+from excitation_planner.design.evaluation import judge_outcome, parameter_points
 from excitation_planner.design.information import (
     difference_points,
     information,
     information_costs,
     posterior_covariance,
 )
+from excitation_planner.design.problem import DesignProblem, Search
 from tricycle_core.errors import DesignError
 
 TIME = np.arange(40) * 0.05
@@ -39,6 +41,54 @@ def test_white_noise_in_closed_form():
     exact = np.diag([np.sum(TIME**2) / 0.1**2, np.sum(TIME**4) / 0.2**2])
     assert F.shape == (4, 2, 2)
     assert np.allclose(F, exact, rtol=1e-6, atol=1e-6 * exact.max())
+
+
+def test_differences_stay_in_the_box():
+    U = difference_points(2, 4096, seed=0)
+    assert U.min() >= 0.0
+    assert U.max() <= 1.0
+
+
+def judged(f, *, verification):
+    """What is found out about a maneuver with the criterion C for p."""
+    problem = DesignProblem(
+        operation=Box.of({"x": (0.0, 1.0)}),
+        unknown=Box.of(UNIT),
+        target="p",
+        criterion=Criterion.C,
+        noise_variance=0.0,
+        trajectory_noise=TrajectoryNoise(std=0.1),
+        samples=40,
+        draws=16,
+        budget=10_000,
+        seed=0,
+        search=Search.ADAPTIVE,
+    )
+    U = parameter_points(problem, verification=verification)
+    return judge_outcome(problem, np.zeros(1), U, (f(U),), verification=verification)
+
+
+def test_the_interval_of_c_is_that_of_the_mean_of_the_draws():
+    """x = (1 + p)² t: of one vehicle the information about p is 4 (1 + p)² sum(t²)/std²."""
+    found = judged(lambda P: ((1.0 + P[:, :1]) ** 2 * TIME)[..., None], verification=False)
+    p = difference_points(2, 16, seed=0)[::3, 0]
+    variance = 1.0 / (12.0 + 4.0 * (1.0 + p) ** 2 * np.sum(TIME**2) / 0.1**2)
+    half = 1.96 * variance.std() / 4.0
+    assert found.evaluation.cost == pytest.approx(variance.mean(), rel=0.01)
+    assert found.cost_interval == pytest.approx(
+        (variance.mean() - half, variance.mean() + half), rel=0.02
+    )
+
+
+def test_the_indices_beside_c_are_those_of_the_squared_deviation_from_the_middle():
+    """x = (p + 0.6 q) t: of u² + 1.2 u v + 0.36 v², with u and v from -1/2 to 1/2."""
+    moved = judged(lambda P: (P @ [1.0, 0.6])[:, None, None] * TIME[:, None], verification=True)
+    alone, both = np.array([1.0, 0.6**4]) / 180.0, 1.2**2 / 144.0
+    assert callable(moved.sensitivity)
+    found, variance = moved.sensitivity(), alone.sum() + both
+    assert found.main == pytest.approx(alone / variance, abs=1e-3)
+    assert found.total == pytest.approx((alone + both) / variance, abs=1e-3)
+    assert found.variance == pytest.approx(variance * np.mean(TIME**2) ** 2, rel=1e-3)
 
 
 def test_drift_is_generalised_least_squares():

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from excitation_planner import Criterion, Search, design_excitation
-from excitation_planner.design.search import adaptive_search, direct_search
+from excitation_planner.design.criteria import excitation_cost
+from excitation_planner.design.search import adaptive_search, direct_search, modelled_cost
 from tricycle_core.errors import DesignError
 
 
@@ -48,7 +49,8 @@ def test_adaptive_search_finds_interior_faces_and_corners(centre):
 def test_direct_search_reaches_faces():
     X, costs = drive(direct_search(2, points=150, criterion=Criterion.H), bowl([0.0, 0.4]))
     assert len(X) <= 150
-    assert np.allclose(X[costs.argmin()], [0.0, 0.4], atol=0.02)
+    assert X[costs.argmin()] == pytest.approx([0.0, 0.4], abs=0.02)
+    assert X[costs.argmin()][0] == 0.0  # on the face itself, which DIRECT does not sample
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -91,6 +93,33 @@ def test_an_abandoned_search_leaves_no_thread_waiting():
     for thread in searching:
         thread.join(timeout=5)
     assert not any(thread.is_alive() for thread in searching)
+
+
+def test_the_cost_of_modelled_indices_is_that_of_the_indices():
+    X = np.linspace(0.0, 1.0, 9)[:, None]
+
+    def indices(x):
+        main = np.array([0.2 + 0.5 * x, 0.3 - 0.2 * x**2])
+        return main, main + 0.1 * x, np.exp(2.0 * x - 3.0)
+
+    main, total, share = (np.array(rows) for rows in zip(*map(indices, X[:, 0]), strict=True))
+    quiet = modelled_cost(X, main, total, target=0)
+    noisy = modelled_cost(X, main, total, target=0, noise_share=share)
+    for x in (0.06, 0.44, 0.93):
+        main_there, total_there, share_there = indices(x)
+        exact = excitation_cost(main_there, total_there, 0)
+        assert quiet(np.array([x])) == pytest.approx(exact, rel=1e-3)
+        exact = excitation_cost(main_there, total_there, 0, noise_share=share_there)
+        assert noisy(np.array([x])) == pytest.approx(exact, rel=1e-3)
+
+
+def test_modelled_indices_stay_in_their_order():
+    """A total index below the main one, and a main index below 0, are a model's errors."""
+    X = np.array([[0.0], [1.0]])
+    cost = modelled_cost(X, np.array([[0.5, 0.2]] * 2), np.array([[0.4, 0.3]] * 2), target=0)
+    assert cost(np.array([0.3])) == pytest.approx(0.2 / 0.5)
+    cost = modelled_cost(X, np.array([[-0.1, 0.2]] * 2), np.array([[0.4, 0.3]] * 2), target=0)
+    assert 1e5 < cost(np.array([0.3])) < np.inf
 
 
 def f(x, P):

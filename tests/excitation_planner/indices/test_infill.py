@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from excitation_planner import Infill, Kriging
-from excitation_planner.indices.infill import infill_points
+from excitation_planner.indices.infill import _Posterior, infill_points
 from excitation_planner.indices.kriging import amplitudes
 from excitation_planner.indices.sampling import training_points
 
@@ -25,6 +25,21 @@ def test_largest_variance_is_the_largest_on_a_fine_grid(model):
     _, here = model.predict(point[None], return_std=True)
     _, everywhere = model.predict(grid(), return_std=True)
     assert here[0] >= everywhere.max() * 0.999
+
+
+def test_the_variance_has_the_gradient_by_which_its_maximum_is_found():
+    U = training_points(60, 2, seed=0)
+    model = Kriging().fit(U, np.exp(-4 * U[:, 0]) * np.sin(8 * U[:, 1]))
+    assert np.abs(model.amplitude_).max(axis=1).min() > 0.1  # both kinds of its coefficients
+    posterior = _Posterior(model, U[::4])  # else hardly any variance is left
+    for u in np.random.default_rng(0).uniform(size=(5, 2)):
+        value, gradient = posterior.negative_variance(u)
+        assert value == pytest.approx(-posterior.variance(u[None])[0])
+        quotient = [
+            (posterior.negative_variance(u + h)[0] - posterior.negative_variance(u - h)[0]) / 2e-6
+            for h in 1e-6 * np.eye(2)
+        ]
+        assert gradient == pytest.approx(quotient, rel=1e-5, abs=1e-7)
 
 
 def test_integrated_variance_beats_largest_variance_on_the_integral(model):

@@ -6,7 +6,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF
 
 from excitation_planner import Kriging
-from excitation_planner.indices.kriging import amplitudes, profiled_likelihood
+from excitation_planner.indices.kriging import _objective, amplitudes, profiled_likelihood
 from excitation_planner.indices.sampling import training_points
 
 
@@ -75,19 +75,16 @@ def test_fit_is_scikit_learns_at_the_same_hyperparameters():
     )
 
 
-def test_gradient_of_the_likelihood_is_its_difference_quotient():
+@pytest.mark.parametrize("objective", [profiled_likelihood, _objective])
+def test_gradient_of_the_likelihood_is_its_difference_quotient(objective):
     rng = np.random.default_rng(0)
     U = rng.uniform(size=(25, 2))
     y = np.sin(4 * U[:, 0]) + U[:, 1]
     for theta in rng.uniform(-1.0, 0.5, size=(5, 7)) - [0, 0, 0, 0, 0, 0, 6]:
-        _, gradient = profiled_likelihood(theta, U, y)
+        _, gradient = objective(theta, U, y)
         h = 1e-5
         quotient = [
-            (
-                profiled_likelihood(theta + h * e, U, y)[0]
-                - profiled_likelihood(theta - h * e, U, y)[0]
-            )
-            / (2 * h)
+            (objective(theta + h * e, U, y)[0] - objective(theta - h * e, U, y)[0]) / (2 * h)
             for e in np.eye(7)
         ]
         assert np.allclose(gradient, quotient, rtol=1e-4, atol=0.05)
@@ -101,8 +98,15 @@ def test_leave_one_out_is_what_leaving_one_out_gives(model):
         reduced = model.without(left_out)
         mean = reduced.predict(model.X_train_[left_out])[0]
         assert y[i] - mean == pytest.approx(residual[i], rel=1e-3, abs=1e-7)
+        # deviation of ordinary Kriging: the mean is estimated from the other samples
+        here, others = model.X_train_[left_out], model.X_train_[~left_out]
+        K = model.covariances(others, others) + model.nugget_ * np.eye(59)
+        k, ones = model.covariances(others, here)[:, 0], np.ones(59)
+        of_mean = (1 - ones @ np.linalg.solve(K, k)) ** 2 / (ones @ np.linalg.solve(K, ones))
+        own = model.covariances(here, here)[0, 0] + model.nugget_
+        variance = own - k @ np.linalg.solve(K, k) + of_mean
+        assert deviation[i] == pytest.approx(model.deviation_ * np.sqrt(variance), rel=1e-2)
     assert 0 < 1 - model.leave_one_out_q2() < 1e-4
-    assert np.all(deviation > 0)
 
 
 def test_reproduces_an_ill_conditioned_training_set():

@@ -19,7 +19,7 @@ from excitation_planner.indices.analytic import (
 from excitation_planner.indices.kriging import Kriging
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.indices.sensitivity import sensitivity_of_outputs
-from excitation_planner.indices.sobol import effects, sobol_indices
+from excitation_planner.indices.sobol import sobol_indices
 from tricycle_core.errors import DesignError
 
 TABLE_1 = np.array([-2.0, -0.5, -2.0, -0.5])
@@ -143,17 +143,6 @@ def test_the_last_third_of_the_samples_goes_where_the_indices_gain():
         assert calls == [133, 67]
     assert np.median(errors) < 5e-4
     assert max(errors) < 2e-3
-
-
-@pytest.mark.slow
-def test_effects_are_those_that_the_indices_measure():
-    """Integrated squares of main and total effects, by quasi-random points."""
-    result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=200)
-    parts = effects(result.model, sobol_sequence(2**13, 3))
-    squares = np.mean(parts**2, axis=1)
-    assert squares[0] == pytest.approx(result.variance, rel=0.02)
-    assert squares[1::2] / squares[0] == pytest.approx(result.main, abs=0.02)
-    assert squares[2::2] / squares[0] == pytest.approx(result.total, abs=0.02)
 
 
 def test_an_output_that_differs_in_one_sample_has_wide_intervals():

@@ -1,16 +1,20 @@
 """Families by name, their operation points, and paths that cannot be driven."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
 from excitation_planner.maneuver.family import (
     PATH_SPACING,
     DrivenPath,
+    check_speed,
     family_by_name,
     family_names,
     operation_point,
 )
 from excitation_planner.maneuver.paths import Circle
+from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.errors import PlanError
 
 
@@ -30,6 +34,15 @@ def test_hyphens_count_as_underscores():
 def test_wrong_operation_parameters_are_named(values, message):
     with pytest.raises(PlanError, match=message):
         operation_point(Circle(), values)
+
+
+@pytest.mark.parametrize(
+    ("speed", "allowed"),
+    [(0.0, False), (1e-9, True), (MAX_SPEED, True), (MAX_SPEED + 1e-9, False), (np.nan, False)],
+)
+def test_a_speed_is_above_0_and_at_most_the_boards(speed, allowed):
+    with nullcontext() if allowed else pytest.raises(PlanError, match="must be above 0"):
+        check_speed(speed)
 
 
 def test_unknown_family_lists_those_there_are():

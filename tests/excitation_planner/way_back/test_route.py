@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import placed
 from excitation_planner.area.stops import RUN_OUT, longest_stop
 from excitation_planner.way_back.pursuit import CREEPING_SPEED, DECELERATION, WALKING_SPEED
 from excitation_planner.way_back.route import FreeGround, RouteRequest, find_route
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import placed
 
 FOOTPRINT = np.array([[1.8, 0.5], [1.8, -0.5], [-0.4, -0.5], [-0.4, 0.5]])
 YARD = Area(

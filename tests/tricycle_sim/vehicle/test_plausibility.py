@@ -2,7 +2,9 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
+from scipy.optimize import brentq
 from structures import PLAIN, WITHOUT_SPEED_LOOP, vehicle_of
 
 from tricycle_sim.vehicle import load_vehicle, warnings_about
@@ -54,6 +56,26 @@ def test_oversteer_of_loaded_tyres_and_in_ranges_is_named(load_sensitivity, unkn
     values = vehicle.values | AHEAD | STIFFNESS | {"load_sensitivity": load_sensitivity}
     vehicle = dataclasses.replace(vehicle, values=values, unknown=unknown)
     assert any("oversteers" in warning for warning in warnings_about(vehicle)) == warns
+
+
+def test_the_speed_at_which_it_becomes_unstable_is_that_of_the_linear_bicycle():
+    vehicle = load_vehicle().replace(cornering_stiffness=500.0, mass=200.0)
+    front, rear = vehicle.axle_stiffness().values()
+    a, b = vehicle.com_to_front_axle, vehicle.com_to_rear_axle
+
+    def largest_rate(speed):
+        """Of lateral velocity and yaw rate [1/s]."""
+        mass, inertia = vehicle.mass * speed, vehicle.yaw_inertia * speed
+        turning = b * rear - a * front
+        slopes = [
+            [-(front + rear) / mass, turning / mass - speed],
+            [turning / inertia, -(a**2 * front + b**2 * rear) / inertia],
+        ]
+        return np.linalg.eigvals(slopes).real.max()
+
+    critical = brentq(largest_rate, 0.1, 50.0)
+    (warning,) = (line for line in warnings_about(vehicle) if "oversteers" in line)
+    assert f"unstable from {critical:.1f} m/s" in warning
 
 
 def test_a_range_with_an_end_that_is_too_stiff_is_named():

@@ -1,39 +1,45 @@
 """Linkage and caster against the oracle, and as the paper gives them."""
 
-import importlib.util
-from pathlib import Path
-
+import lagrange_oracle
 import numpy as np
 import pytest
+import structures
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.parts import steering_constants, structure_of
+from tricycle_sim.vehicle.steering import LINKAGES, turned
 
 VEHICLE = load_vehicle()
 FUNCTIONS = functions_for(VEHICLE)
-
-
-def load_oracle():
-    path = Path(__file__).with_name("lagrange_oracle.py")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-ORACLE = load_oracle()
 
 
 @given(st.floats(-0.785, 0.785))
 def test_linkage_agrees_with_the_oracle(motor_angle):
     constants = steering_constants(VEHICLE, 0.005)
     left, right, left_slope, right_slope = FUNCTIONS.wheel_angles(motor_angle, constants)
-    angles, slopes = ORACLE.describe(VEHICLE).steering(motor_angle)
+    angles, slopes = lagrange_oracle.describe(VEHICLE).steering(motor_angle)
     assert (left, right) == pytest.approx(tuple(angles[:2]), abs=1e-14)
     assert (left_slope, right_slope) == pytest.approx(tuple(slopes[:2]), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", structures.STRUCTURES)
+@pytest.mark.parametrize("motor_angle", [-0.5, -0.03, 0.0, 0.2, 0.6])
+def test_every_linkage_turns_each_wheel_as_the_oracle_does(name, motor_angle):
+    structure = structures.STRUCTURES[name]
+    vehicle = structures.vehicle_of(structure)
+    oracle = lagrange_oracle.describe_file(
+        structure["wheels"], structure["parts"], {**VEHICLE.values, **structure["constants"]}
+    )
+    layout = structure_of(vehicle)
+    linkage, constants = LINKAGES[layout.steering].function, steering_constants(vehicle, 0.005)
+    left, right, left_slope, right_slope = turned(linkage, constants, motor_angle)
+    found = np.array([(0.0, 0.0), (left, left_slope), (right, right_slope)])
+    angles, slopes = oracle.steering(motor_angle)
+    for wheel, side in enumerate(layout.sides[: len(vehicle.wheels)]):
+        assert found[side + 1] == pytest.approx((angles[wheel], slopes[wheel]), abs=1e-12)
 
 
 def test_ratio_of_the_wheel_angles_falls_from_0_8_to_0_6():

@@ -3,12 +3,15 @@
 import dataclasses
 import math
 
+import lagrange_oracle
 import numpy as np
 import pytest
+import structures
 
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.layout import LANES
 from tricycle_sim.vehicle.tyre import (
+    LAWS,
     LINEAR,
     MAGIC_FORMULA,
     SOFTENED,
@@ -18,6 +21,7 @@ from tricycle_sim.vehicle.tyre import (
     rolling_resistance,
     slip_slopes,
     softened,
+    unlimited,
     vertical_load,
 )
 from tricycle_sim.vehicle.tyre import TYRE as TYRE_ROWS
@@ -131,6 +135,27 @@ def test_a_softened_tyre_that_slips_by_speed_is_a_viscous_contact():
         assert steady == pytest.approx((0.0, 0.0), abs=1e-12)
         assert y == pytest.approx(damping * sideways, rel=1e-6)
         assert x == pytest.approx(damping * forward, rel=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("load", [0.0, 120.0, 500.0])
+def test_every_law_is_that_of_the_oracle(law, load):
+    """Which is written once more, from the formulas, and tested in `test_oracle.py`."""
+    own = structures.MAGIC if law == "magic_formula" else {}
+    if law == "softened":
+        own = {"tyre_saturation": 0.6, "tyre_rounding": 0.7}
+    vehicle = dataclasses.replace(
+        VEHICLE, parts={"tyre": law}, values={**VEHICLE.values, **own, "load_sensitivity": 0.4}
+    )
+    rows, values = constants_of(LAWS[law].rows, vehicle), vehicle.of("rear")
+    for kappa, alpha in np.random.default_rng(1).normal(0.0, 0.2, (20, 2)):
+        state = (load, kappa, alpha, 0.02, 5.0, 0.0, 0.0)
+        x0, y0 = unlimited(rows, 0, *state)
+        x, y, share = lagrange_oracle.TYRE_LAWS[law](values, load, x0, y0)
+        found = LAWS[law].function(rows, 0, *state)
+        assert found[:2] == pytest.approx((x, y), rel=1e-9, abs=1e-6)
+        moment = -values.self_aligning_stiffness * alpha * share
+        assert found[2] == pytest.approx(moment, rel=1e-9, abs=1e-8)
 
 
 def test_between_no_rounding_and_a_full_one_is_a_tyre_of_the_magic_formula():

@@ -1,8 +1,8 @@
 """The fence: whether a vehicle that is stopped now stays on its ground.
 
 The driver asks it at every tick and waits; `benchmarks/hot_paths.py --fence` measures how long.
-What it looks at is what the plan's tube has looked at before: the longest of the published stops,
-on the arc of the motion and on the one that the commands lead to.
+It checks the stops that the plan's tube covers: the longest of the published ones, on the arc of
+the present motion and on the one that the commands lead to.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.area.polygons import Rings, placed, seen_from, signed_distance
+from excitation_planner.area.polygons import Rings, signed_distance
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.localisation import PlanarState
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import Pose, placed, seen_from
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 
@@ -27,7 +28,7 @@ START_HEADING_TOLERANCE = math.radians(1.0)
 """Deviation from the planned heading at which a vehicle may start [rad]."""
 
 CREEP = 0.05
-"""Speed below which a localisation's noise tells no direction [m/s]: the command does."""
+"""Speed below which noise hides the direction of the motion [m/s]: the command's counts."""
 
 SPACING = 0.25
 """Largest distance between the poses that are checked on a stop [m]; a tick moves them by less."""
@@ -39,7 +40,7 @@ MAX_ARCS = 16
 """Largest number of these arcs, whatever the distance of their ends."""
 
 LONGEST_WAY = 200.0
-"""Way of a stop beyond which none is predicted [m]: at twice the top speed a pose is 10 s old."""
+"""Longest stop that is predicted [m]: a longer one is from a pose that is 10 s old, or wrong."""
 
 TIGHTEST = 100.0
 """Curvature beyond which a message is wrong, whatever the vehicle [1/m]."""
@@ -76,7 +77,7 @@ class Fence:
     ground: Rings
     footprint: FloatArray
     curvature: FloatArray
-    start: tuple[float, float, float]
+    start: Pose
     _border: NDArray[np.object_] = field(init=False, repr=False)  # rings of the ground
     _insides: NDArray[np.object_] = field(init=False, repr=False)  # polygon of each ring
     _reach: float = field(init=False, repr=False)
@@ -172,7 +173,7 @@ class Fence:
         ways = np.linspace(0.0, way, points)
         poses = stopping_path(state.x, state.y, state.yaw, slip, way, arcs, points=points)
         corners = placed(self.footprint, *poses)
-        # a corner is on the ground now: so are all footprints as far as none meets the border
+        # a corner is on the ground now: so is each footprint before the first that meets the border
         lines = shapely.multilinestrings(border)
         shapely.prepare(lines)
         for first in range(0, points, BLOCK):

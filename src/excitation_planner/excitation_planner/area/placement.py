@@ -16,7 +16,8 @@ import shapely
 from numpy.typing import NDArray
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import Rings, edges_of, placed, rings_of
+from excitation_planner.area.polygons import Rings, edges_of, rings_of
+from tricycle_core.poses import placed
 from tricycle_core.quantities import FloatArray
 
 Pieces = TypeVar("Pieces", shapely.Polygon, NDArray[np.object_])

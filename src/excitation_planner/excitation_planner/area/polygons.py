@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tricycle_core.quantities import FloatArray
 
@@ -82,48 +82,6 @@ def edges_of(rings: Rings) -> tuple[FloatArray, FloatArray]:
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     return start.T, end.T
-
-
-def placed(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -> FloatArray:
-    """Return points fixed to a body at one or many poses.
-
-    Parameters
-    ----------
-    points : ndarray of float, shape (m, 2)
-        Points in the body frame [m].
-    x, y, heading : float or ndarray of float, shape (...)
-        Poses of the body [m, m, rad].
-
-    Returns
-    -------
-    points : ndarray of float, shape (..., m, 2)
-        Points in the frame of the poses [m].
-    """
-    c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
-    px, py = points.T
-    x, y = np.asarray(x)[..., None], np.asarray(y)[..., None]
-    return np.stack([x + c * px - s * py, y + s * px + c * py], axis=-1)
-
-
-def seen_from(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -> FloatArray:
-    """Return fixed points as a body sees them, at one or many poses.
-
-    Parameters
-    ----------
-    points : ndarray of float, shape (m, 2)
-        Points in the frame of the poses [m].
-    x, y, heading : float or ndarray of float, shape (...)
-        Poses of the body [m, m, rad].
-
-    Returns
-    -------
-    points : ndarray of float, shape (..., m, 2)
-        Points in the body frame [m].
-    """
-    c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
-    px, py = points.T
-    dx, dy = px - np.asarray(x)[..., None], py - np.asarray(y)[..., None]
-    return np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)
 
 
 def rings_of(polygon: shapely.Polygon) -> tuple[FloatArray, ...]:

@@ -21,7 +21,7 @@ DIRECTION_NOISE = 0.05
 
 
 ALLOWANCE = 0.3
-"""Room that the nominal vehicle and a few others leave for the rest of them, if they can [m]."""
+"""Room to spare at which a rough placement ends: vehicles that it leaves out need some [m]."""
 
 
 class DoesNotFit(InfeasibleManeuver):
@@ -110,7 +110,7 @@ class Room:
         tube = tube_of(vehicle, commands, self.footprint)
         best = best_placement(tube.whole, self.area)
         if best.clearance < self.needed:
-            # other searches find a pose that this one has missed, now and then: those of `lacks`
+            # the searches of `lacks` sometimes find a pose that this one has missed
             place = self.roughly_placed(vehicle, commands)
             there = at_pose(tube.whole, place.x, place.y, place.heading)
             other = replace(place, clearance=clearance_of(np.array([there]), self.area))
@@ -125,7 +125,7 @@ class Room:
         )
 
     def roughly_placed(self, vehicle: Vehicle, commands: Commands) -> Placement:
-        """Return the best start pose for a part of the tube, which has no less room than all of it.
+        """Return the best start pose for a rough tube, which needs no more room than the whole.
 
         Parameters
         ----------

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tricycle_core.poses import along_arc
 from tricycle_core.quantities import FloatArray
 from tricycle_core.stopping import Cause, stopping_distance
 
@@ -51,13 +52,7 @@ def stopping_path(
         Poses on each arc, from its start to its end.
     """
     s = np.asarray(way)[..., None] * np.linspace(0.0, 1.0, points)
-    turn = np.asarray(curvature)[..., None] * s
-    # chord of the arc, at half of its turn
-    chord = s * np.sinc(turn / (2.0 * np.pi))
-    yaw = np.asarray(yaw)[..., None]
-    course = yaw + np.asarray(slip)[..., None] + 0.5 * turn
-    return (
-        np.asarray(x)[..., None] + chord * np.cos(course),
-        np.asarray(y)[..., None] + chord * np.sin(course),
-        yaw + turn,
-    )
+    x, y, yaw = (np.asarray(start)[..., None] for start in (x, y, yaw))
+    course = yaw + np.asarray(slip)[..., None]
+    x, y, turn = along_arc(x, y, course, np.asarray(curvature)[..., None], s)
+    return x, y, yaw + turn

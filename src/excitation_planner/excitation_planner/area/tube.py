@@ -14,10 +14,10 @@ import shapely
 from numpy.typing import NDArray
 
 from excitation_planner.area.fence import START_HEADING_TOLERANCE
-from excitation_planner.area.polygons import placed
 from excitation_planner.area.stops import RUN_OUT, longest_stop, stopping_path
 from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.poses import placed
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
@@ -39,13 +39,13 @@ ROUGH_EVERY, ROUGH_STOP_EVERY = 0.6, 0.9
 """The same times of a rough tube, with nothing between."""
 
 CACHED = 100_000
-"""Numbers that fit the cache of a processor together."""
+"""Numbers that are worked on at a time: they fit a processor's cache."""
 
 CURVATURES = 128
 """Steering angles at which the curvature of a crawl is computed, and interpolated between."""
 
 SLOWEST = 0.02
-"""Speed below which nothing is to be stopped [m/s]."""
+"""Speed below which the vehicle counts as at rest [m/s]."""
 
 TOLERANCE = 0.01
 """Tolerance by which outlines are simplified, outwards [m]."""

@@ -1,6 +1,6 @@
 """Evaluation of one maneuver: from simulations to indices and cost.
 
-n: samples, k: unknown parameters, e: inputs beside them, l: operation parameters, t: time points,
+n: samples, k: unknown parameters, e: nuisance parameters, l: operation parameters, t: time points,
 c: channels.
 """
 
@@ -272,8 +272,8 @@ def cost_interval(
 ) -> tuple[float, float]:
     """Return the 95 % interval of `excitation_cost`.
 
-    It reaches as far as without a fifth of the samples each, from the cost if the target explained
-    all that the metamodel does not, to that if the others did.
+    From the cost if the target explained all that the metamodel leaves unexplained, to that if the
+    other parameters did; widened by how the cost changes without a fifth of the samples.
 
     Parameters
     ----------

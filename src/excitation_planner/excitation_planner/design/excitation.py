@@ -74,7 +74,7 @@ class Design:
         95 % interval of `cost`.
     predicted_cost : float
         Criterion at x as found by the search, with fewer and other samples.
-    posterior_std : ndarray (k,)
+    posterior_std : ndarray of float, shape (k,)
         Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
     verdict : Verdict
         Whether the maneuver excites the target.

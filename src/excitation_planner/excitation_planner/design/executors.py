@@ -249,7 +249,7 @@ def processes(workers: int | None = None) -> Iterator[Executor]:
     workers : int, optional
         Their number, by default one per core.
     """
-    # what starts inherits it: a process that Ctrl-C reaches before its first line would say where
+    # processes inherit it: one that Ctrl-C reached while it starts would print a traceback
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         pool = _pool(workers)
@@ -263,7 +263,7 @@ def processes(workers: int | None = None) -> Iterator[Executor]:
 
 
 def _pool(workers: int | None) -> Any:
-    from loky import get_reusable_executor  # threads and clusters do without
+    from loky import get_reusable_executor  # not needed with threads or a cluster
 
     # an idle process that ends just when work comes is replaced; loky warns of it
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
@@ -280,7 +280,7 @@ def _replaced_pool(workers: int | None) -> Executor:
 
 def _end(pool: Any) -> None:
     """End the processes at once, whatever they do."""
-    # loky gives queued work an error; a future that is cancelled takes none, and its thread fails
+    # loky sets an error on queued futures, and its thread fails on one that was cancelled
     for item in list(pool._pending_work_items.values()):  # noqa: SLF001
         if item.future.cancelled():
             item.future = Future()

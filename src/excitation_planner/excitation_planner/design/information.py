@@ -1,6 +1,6 @@
 """Fisher information of whole trajectories, for the criteria C, D and A.
 
-n: simulations, k: unknown parameters, e: inputs beside them, of which all maneuvers share s,
+n: simulations, k: unknown parameters, e: nuisance parameters, of which all maneuvers share s,
 t: time points, c: measured channels. Parameters are counted in units of their ranges, in which a
 uniform prior has variance 1/12.
 """
@@ -28,7 +28,7 @@ from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
 LEAST_SIMULATED = 0.5
-"""Share of the vehicles drawn that must not roll over; the others alone tell too good a cost."""
+"""Least share of the drawn vehicles that must not roll over: the rest alone looks too good."""
 
 _STEP = 1e-3  # of the finite differences, in ranges
 
@@ -43,7 +43,7 @@ def difference_points(
 ) -> FloatArray:
     """Return points (draws (k + e + 1), k + e): each draw, and one step from it per axis.
 
-    Parameters are in the unit box; what is beside them is 0, but for its step.
+    Parameters are in the unit box; nuisance parameters are 0 or one step.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def simulated_values(unknown: Box, U: FloatArray) -> FloatArray:
     unknown : Box
         Ranges of the k unknown parameters.
     U : ndarray of float, shape (n, k + e)
-        Parameters in the unit box, and what is beside them.
+        Parameters in the unit box, then nuisance parameters.
     """
     k = len(unknown)
     return np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
@@ -98,8 +98,8 @@ def information(
 ) -> FloatArray:
     """Return the Fisher information (draws, k + s, k + s) in a measured trajectory.
 
-    It is about the parameters and about what all maneuvers share beside them. An unknown start
-    pose, the noise's correlation and what each maneuver has its own of reduce it.
+    It is about the parameters and the nuisance parameters that all maneuvers share. An unknown
+    start pose, correlated noise and the nuisance parameters of each maneuver alone reduce it.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def information(
         Further uncertain inputs of the simulator (nuisance parameters).
     """
     axes = U.shape[1]
-    k = axes - nuisances.own  # of which the information is returned
+    k = axes - nuisances.own  # parameters and shared nuisances: their information is returned
     draws, (t, c) = len(U) // (axes + 1), Y.shape[1:]
     Y = Y.reshape(draws, axes + 1, t, c)
     steps = _steps(U.reshape(draws, axes + 1, axes)[:, 0], axes - len(nuisances.steps), nuisances)
@@ -153,7 +153,7 @@ def _products(J: FloatArray) -> FloatArray:
 @cache
 def _compiled() -> Callable[..., None]:
     """Return `_add_products` as machine code, five times as fast as `numpy.einsum`."""
-    from tricycle_sim.compilation import compiled  # takes a while, and criterion h does without
+    from tricycle_sim.compilation import compiled  # slow to import; criterion h does not need it
 
     # exact: another rounding leads the search to another maneuver
     add: Callable[..., None] = compiled(_add_products, exact=True)

@@ -129,7 +129,7 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
         self._round = self._in_vain = 0
         self._together = together if timeout is None else min(together, timeout / 4)
         self._workers = _workers_of(executor)
-        self._seconds: float | None = None  # that a job takes, as far as one has returned
+        self._seconds: float | None = None  # per job, of those that have returned
         self._open: dict[JobT, None] = {}
         self._waiting: deque[JobT] = deque()  # those of them that are not sent yet
         self._sent: set[Future[_Done[ResultT]]] = set()

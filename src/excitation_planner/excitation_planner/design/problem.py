@@ -1,6 +1,6 @@
 """The problem of a design, and what is found out about a maneuver: data without computation.
 
-n: samples, k: unknown parameters, e: inputs beside them, l: operation parameters, t: time points,
+n: samples, k: unknown parameters, e: nuisance parameters, l: operation parameters, t: time points,
 c: channels.
 """
 

@@ -238,7 +238,7 @@ class _AskedMinimiser:
 
     Attributes
     ----------
-    asked : ndarray (l,) or None
+    asked : ndarray of float, shape (l,), or None
         Point whose cost is needed next; None when the minimiser has ended.
     """
 

@@ -38,7 +38,7 @@ from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.problem import DesignProblem, Outcome
 from excitation_planner.design.study_document import StudyDocument, load_study_document
 from excitation_planner.design.study_files import GrowingTable
-from excitation_planner.design.trajectories import (
+from excitation_planner.design.study_trajectories import (
     channels_of,
     read_trajectories,
     unnamed,

@@ -39,7 +39,7 @@ from excitation_planner.design.store import (
     Store,
 )
 from excitation_planner.design.study_files import csv_text, read_study_file
-from excitation_planner.design.trajectories import channels_of, read_trajectories
+from excitation_planner.design.study_trajectories import channels_of, read_trajectories
 from excitation_planner.indices.sensitivity import real_outputs
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.documents import write_whole
@@ -62,9 +62,9 @@ class Proposal:
         Number of the maneuver.
     samples : tuple of int, length q
         Numbers of the simulations of this maneuver that are still to be run.
-    x : ndarray (l,)
+    x : ndarray of float, shape (l,)
         Operation parameters.
-    P : ndarray (q, k + e)
+    P : ndarray of float, shape (q, k + e)
         Unknown parameters, followed by the nuisance parameters.
     """
 

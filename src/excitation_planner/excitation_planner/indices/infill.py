@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from excitation_planner.choice import Choice
 from excitation_planner.indices.kriging import Kriging, amplitudes
-from excitation_planner.indices.sampling import sobol_sequence, training_points
+from excitation_planner.indices.sampling import all_corners, sobol_sequence, training_points
 from excitation_planner.indices.sobol import effects
 from tricycle_core.quantities import FloatArray
 
@@ -58,7 +58,9 @@ def infill_points(
     known = model.X_train_ if avoid is None else np.vstack([model.X_train_, avoid])
     count = max(_CANDIDATES, 2 * batch)
     sobol = sobol_sequence(count, k, seed=seed)
-    candidates = np.vstack([sobol, _corners(k)])
+    # above ten dimensions the corners would outnumber the other candidates
+    at_corners = all_corners(k) if k <= 10 else np.empty((0, k))
+    candidates = np.vstack([sobol, at_corners])
     if by is Infill.LARGEST_VARIANCE and polish:
         for _ in range(batch):
             new = _largest_variance(_Posterior(model, known), candidates)
@@ -67,7 +69,7 @@ def infill_points(
     if by is Infill.INTEGRATED_VARIANCE:
         reference, weights = sobol[:_CANDIDATES], np.eye(_CANDIDATES)
     elif by is Infill.INDEX_VARIANCE:
-        candidates = np.vstack([training_points(count, k, seed=seed), _corners(k)])
+        candidates = np.vstack([training_points(count, k, seed=seed), at_corners])
         reference = sobol_sequence(_REFERENCE, k, seed=seed + 1)
         # the error of a variance, of a main or of a total effect is to first order the integral of
         # the model's error, weighted with that effect
@@ -112,14 +114,6 @@ def _greedy(
         columns[:, i] = column
         chosen.append(c)
     return chosen
-
-
-def _corners(k: int) -> FloatArray:
-    """Corners of the unit box; none above ten dimensions, where they would outnumber the rest."""
-    if k > 10:
-        return np.empty((0, k))
-    corners: FloatArray = ((np.arange(2**k)[:, None] >> np.arange(k)) & 1).astype(float)
-    return corners
 
 
 class _Posterior:

@@ -92,16 +92,8 @@ class Kriging:
         ValueError
             If shapes do not fit, a number is not finite, or the output is constant.
         """
-        X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
-        if X.ndim != 2 or y.shape != (len(X),) or len(X) < 2:
-            raise ValueError(f"X must be (n, k) and y (n,), n >= 2; they are {X.shape}, {y.shape}")
-        if not (np.isfinite(X).all() and np.isfinite(y).all()):
-            raise ValueError("X and y must not contain NaN or infinite numbers")
-        if y.std() <= 1e-14 * np.abs(y).max():
-            raise ValueError(f"the output is constant ({y[0]:g}): nothing to model")
-        standardised = (y - y.mean()) / y.std()
-
-        k = X.shape[1]
+        X, y = _checked(X, y)
+        standardised, k = (y - y.mean()) / y.std(), X.shape[1]
         # a constant amplitude where there are few samples: they would fit it to chance
         enough = len(X) > _SAMPLES_PER_HYPERPARAMETER * (3 * k + 1)
         bound = np.full(2 * k, _AMPLITUDE_BOUND if enough else 0.0)
@@ -114,19 +106,10 @@ class Kriging:
         # started from the likeliest of a few length scales, the same on all axes: a single start
         # takes a wavy function for noise
         starts = [
-            np.array([np.log(length_scale)] * k + [0.0] * 2 * k + [np.log(1e-6)])
-            for length_scale in _STARTS
+            _theta(np.full(k, length_scale), np.zeros(2 * k), 1e-6) for length_scale in _STARTS
         ]
         if start is not None:
-            starts.append(
-                np.concatenate(
-                    [
-                        np.log(start.length_scale_),
-                        start.amplitude_.ravel(),
-                        [np.log(start.nugget_)],
-                    ]
-                )
-            )
+            starts.append(_theta(start.length_scale_, start.amplitude_, start.nugget_))
 
         def likeliest(starts: list[FloatArray]) -> Any:
             return minimize(
@@ -282,6 +265,23 @@ class Kriging:
         return float(1 - np.sum(residual**2) / np.sum((y - y.mean()) ** 2))
 
 
+def _checked(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Samples (n, k) and outputs (n,) as arrays; ValueError where nothing can be fitted to them."""
+    X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
+    if X.ndim != 2 or y.shape != (len(X),) or len(X) < 2:
+        raise ValueError(f"X must be (n, k) and y (n,), n >= 2; they are {X.shape}, {y.shape}")
+    if not (np.isfinite(X).all() and np.isfinite(y).all()):
+        raise ValueError("X and y must not contain NaN or infinite numbers")
+    if y.std() <= 1e-14 * np.abs(y).max():
+        raise ValueError(f"the output is constant ({y[0]:g}): nothing to model")
+    return X, y
+
+
+def _theta(length_scale: FloatArray, amplitude: FloatArray, nugget: float) -> FloatArray:
+    """Hyperparameters (3 k + 1,) as the fit varies them, see `profiled_likelihood`."""
+    return np.concatenate([np.log(length_scale), amplitude.ravel(), [np.log(nugget)]])
+
+
 def amplitudes(U: FloatArray, amplitude: FloatArray) -> FloatArray:
     """Return the amplitude (n,) of a process.
 
@@ -385,7 +385,7 @@ def _later_starts(k: int, nugget: float) -> list[FloatArray]:
         for length_scale in _WAVY:
             lengths = np.full(k, _STRAIGHT)
             lengths[axis] = length_scale
-            starts.append(np.concatenate([np.log(lengths), np.zeros(2 * k), [np.log(nugget)]]))
+            starts.append(_theta(lengths, np.zeros(2 * k), nugget))
     return starts
 
 

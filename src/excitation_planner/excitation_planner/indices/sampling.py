@@ -110,6 +110,19 @@ def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
     return training_points(samples, len(unknown), seed=seed)
 
 
+def all_corners(dimensions: int) -> FloatArray:
+    """Return all corners (2^k, k) of the unit box.
+
+    Parameters
+    ----------
+    dimensions : int
+        Number k of axes.
+    """
+    numbers = np.arange(2**dimensions)[:, None]
+    found: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
+    return found
+
+
 def corners(dimensions: int, *, seed: int) -> FloatArray:
     """Return at most 16 corners (n, k) of the unit box: up to k = 4 all, beyond a random choice.
 
@@ -121,7 +134,5 @@ def corners(dimensions: int, *, seed: int) -> FloatArray:
         Seed of the random choice.
     """
     if dimensions <= 4:
-        numbers = np.arange(2**dimensions)[:, None]
-        found: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
-        return found
+        return all_corners(dimensions)
     return np.random.default_rng(seed).integers(0, 2, size=(16, dimensions)).astype(float)

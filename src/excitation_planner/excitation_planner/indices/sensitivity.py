@@ -24,7 +24,7 @@ from tricycle_core.optional import optional, own_axes
 from tricycle_core.quantities import FloatArray
 
 _FOLDS = 5
-_LARGEST = 1e150  # output: the square of a larger one is no number, that of its inverse is not 0
+_LARGEST = 1e150  # output: its square is finite, and the square of its inverse is not 0
 # Half width of a 95 % interval, in root mean squares of what changes when a fifth of the samples is
 # left out: benchmarks/sobol.py measures the coverage. Posterior deviations are far too small for
 # smooth outputs.
@@ -39,7 +39,7 @@ class Sensitivity(Indices):
     ----------
     names : tuple of str, length k
         The unknown parameters, in the order of all arrays.
-    main_interval, total_interval : ndarray (k, 2)
+    main_interval, total_interval : ndarray of float, shape (k, 2)
         95 % intervals of `main` and `total`: by how much they change without a fifth of the
         samples, and as if each parameter could explain all or none of what is unexplained.
     folds : tuple of Indices

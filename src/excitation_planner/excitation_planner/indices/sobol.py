@@ -32,9 +32,9 @@ class Indices:
 
     Attributes
     ----------
-    main : ndarray (k,)
+    main : ndarray of float, shape (k,)
         First-order indices S_i, the paper's MSI: share of the variance due to p_i alone.
-    total : ndarray (k,)
+    total : ndarray of float, shape (k,)
         Total indices ST_i, the paper's TSI: share of the variance in which p_i takes part.
     variance : float
         Variance of the output, in its unit squared.

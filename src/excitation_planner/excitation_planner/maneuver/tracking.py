@@ -83,12 +83,22 @@ def _track(
 
     Parameters
     ----------
-    vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
-    servo : see `advance_tick`
-    steering : `steering_constants` of the batch's step
-    point : `path_point` [m]
-    lock : `steering_lock` [rad]
-    commands : shape (c, 2), receives steering motor angle [rad] and speed [m/s]
+    vehicle : ndarray of float, shape (1, ROWS * LANES)
+        Group from `pack`, at rest at the start of the path; advanced in place.
+    servo, steering : ndarray of float
+        Servo and constants of the steering, as for `Functions.advance_tick`.
+    path_x, path_y : ndarray of float, shape (m,)
+        Points of the path, `PATH_SPACING` apart [m].
+    length, speed : float
+        As in `DrivenPath` [m, m/s].
+    wheelbase, slew_rate, acceleration : float
+        Of the vehicle [m], of its steering motor [rad/s], of the speed set-point [m/s^2].
+    point : float
+        `path_point` [m].
+    lock : float
+        `steering_lock` [rad].
+    commands : ndarray of float, shape (c, 2)
+        Receives steering motor angle [rad] and speed [m/s].
     """
     near, target, speed_setpoint = 0, 0.0, 0.0
     # straight on, not at 0 where the steering is mounted askew: the driver waits for it before

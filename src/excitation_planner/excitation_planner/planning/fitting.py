@@ -209,7 +209,7 @@ class FittingSearch:
 
     def _next(self, rng: np.random.Generator) -> FloatArray:
         """Points (b, l) to be tried next."""
-        from scipy.interpolate import RBFInterpolator  # most plans do without
+        from scipy.interpolate import RBFInterpolator  # slow to import; most plans do not need it
         from scipy.spatial.distance import cdist
 
         dimensions = len(self.family.operation)
@@ -269,7 +269,7 @@ class FittingSearch:
     @cached_property
     def _draws(self) -> tuple[FloatArray, FloatArray]:
         """Vehicles of the ranges and steps in each parameter: in the unit box, and values."""
-        unknown, nuisances = Box.of(dict(self.vehicle.unknown)), nuisance_parameters(self.effects)
+        unknown, nuisances = Box.of(self.vehicle.unknown), nuisance_parameters(self.effects)
         k = len(unknown)
         draws = max(1, JUDGING // (k + len(nuisances.steps) + 1))
         U = difference_points(k, draws, seed=self.seed, prior=self.prior, nuisances=nuisances)

@@ -13,7 +13,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 
-OTHERWISE = 0.5  # m between a plan's reference and what the vehicle does, from which it is another
+OTHERWISE = 0.5  # m between reference and simulated path, beyond which it is another vehicle
 
 
 def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:

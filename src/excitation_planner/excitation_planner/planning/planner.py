@@ -5,7 +5,7 @@ import time
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -146,76 +146,121 @@ def _searched(
         design = _searched_by_indices(request, executor, progress)
         return design, [design.x], _history(design)
     operations = tuple(family.operation for family in request.families)
-    maneuvers = ManeuverSet(_trajectories(request, _room(request)), operations)
-    nuisances, alone = nuisance_parameters(_effects(request)), len(request.vehicle.unknown) + 1
-    unknown = Box.of(dict(request.vehicle.unknown))
-    target = unknown.index(request.target)
-    draws = request.draws
-    runs = draws * (alone + len(nuisances.steps))
-    verification = VERIFIED * (VERIFICATION * (runs + request.samples) + 1)
-    starts, taken, budget, fitting = None, 0, request.budget, None
+    room, runs = _room(request), _Runs.of(request)
+    maneuvers = ManeuverSet(_trajectories(request, room), operations)
+    begin = _Beginning(request.budget)
+    if request.search is Search.ADAPTIVE and request.others:
+        begin = _best_combinations(request, maneuvers, runs)
+    elif request.search is Search.ADAPTIVE and room is not None:
+        begin = _best_on_area(request, room, runs, progress)
+        if begin.starts is not None and len(begin.starts):  # they fit; nothing else is evaluated
+            maneuvers = ManeuverSet(_trajectories(request, None), operations)
 
     def report(done: int, _: int) -> None:
         if progress is not None:
-            progress(taken + done, request.budget)
+            progress(begin.taken + done, request.budget)
 
-    if request.search is Search.ADAPTIVE and request.others:
-        starts, taken = best_combinations(
-            maneuvers,
-            unknown,
-            request.noise.of_trajectory,
-            request.criterion,
-            target,
-            draws=draws,
-            seed=request.seed,
-            prior=request.prior,
-            nuisances=nuisances,
-        )
-        taken //= len(request.families)  # a run of the set is one of each maneuver
-        budget -= taken
-        if budget < runs + verification:
-            raise PlanError(
-                f"budget = {request.budget} is too small: starts, an evaluation and the "
-                f"verification take {taken + runs + verification} runs"
-            )
-    elif request.search is Search.ADAPTIVE and (room := _room(request)) is not None:
-        spare, with_room = budget - verification, runs + ROOM_RUNS
-        if spare >= 2 * with_room:
-            fitting = FittingSearch(
-                *(request.vehicle, request.family, room, request.criterion, target),
-                *(request.noise, request.prior, _effects(request), request.seed),
-            )
-            starts = fitting.starts(round(FITTING * spare), progress=report)
-            taken = fitting.simulations
-            if len(starts):  # they fit, and nothing else is evaluated
-                maneuvers = ManeuverSet(_trajectories(request, None), operations)
-                budget = verification + runs * len(starts)
-            else:
-                budget = verification + runs * max(1, (spare - taken) // with_room)
     design = design_excitation(
         maneuvers,
         maneuvers.operation,
-        dict(request.vehicle.unknown),
+        request.vehicle.unknown,
         request.target,
         criterion=request.criterion,
         trajectory_noise=request.noise.of_trajectory,
         prior=request.prior,
-        nuisances=nuisances,
-        draws=draws,
+        nuisances=nuisance_parameters(_effects(request)),
+        draws=runs.draws,
         samples=request.samples,
-        budget=budget,
+        budget=begin.budget,
         seed=request.seed,
         search=request.search,
-        starts=starts,
+        starts=begin.starts,
         executor=executor,
         progress=report,
     )
-    design = dataclasses.replace(design, simulations=design.simulations + taken)
+    design = dataclasses.replace(design, simulations=design.simulations + begin.taken)
     tried = _history(design)
-    if fitting is not None:
-        x, cost = fitting.history()
-        tried = SearchHistory(np.vstack([x, tried.x]), np.append(cost, tried.cost))
+    if begin.tried is not None:
+        tried = SearchHistory(
+            np.vstack([begin.tried.x, tried.x]), np.append(begin.tried.cost, tried.cost)
+        )
     return design, maneuvers.split(design.x), tried
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Simulations of a maneuver in a search by C, D or A, of `draws` vehicles, and to verify it."""
+
+    draws: int
+    maneuver: int
+    verification: int
+
+    @classmethod
+    def of(cls, request: PlanRequest) -> Self:
+        runs = request.draws * (len(request.vehicle.unknown) + 1 + len(_effects(request)))
+        return cls(request.draws, runs, VERIFIED * (VERIFICATION * (runs + request.samples) + 1))
+
+
+@dataclass(frozen=True)
+class _Beginning:
+    """Where a search begins: the budget that is left for it, and what was found out before.
+
+    Starts (s, l) in the unit box; None: the search's own. `taken` simulations have found them.
+    """
+
+    budget: int
+    starts: FloatArray | None = None
+    taken: int = 0
+    tried: SearchHistory | None = None
+
+
+def _best_combinations(request: PlanRequest, maneuvers: ManeuverSet, runs: _Runs) -> _Beginning:
+    """Begin a set of maneuvers with the best combinations of single ones."""
+    unknown = Box.of(request.vehicle.unknown)
+    starts, simulations = best_combinations(
+        maneuvers,
+        unknown,
+        request.noise.of_trajectory,
+        request.criterion,
+        unknown.index(request.target),
+        draws=runs.draws,
+        seed=request.seed,
+        prior=request.prior,
+        nuisances=nuisance_parameters(_effects(request)),
+    )
+    taken = simulations // len(request.families)  # a run of the set is one of each maneuver
+    needed = runs.maneuver + runs.verification
+    if request.budget - taken < needed:
+        raise PlanError(
+            f"budget = {request.budget} is too small: starts, an evaluation and the "
+            f"verification take {taken + needed} runs"
+        )
+    return _Beginning(request.budget - taken, starts, taken)
+
+
+def _best_on_area(
+    request: PlanRequest, room: Room, runs: _Runs, progress: Progress | None
+) -> _Beginning:
+    """Begin with the best maneuvers that fit an area; on a small budget, none are looked for."""
+    spare, with_room = request.budget - runs.verification, runs.maneuver + ROOM_RUNS
+    if spare < 2 * with_room:
+        return _Beginning(request.budget)
+
+    def report(done: int, _: int) -> None:
+        if progress is not None:
+            progress(done, request.budget)
+
+    target = list(request.vehicle.unknown).index(request.target)
+    fitting = FittingSearch(
+        *(request.vehicle, request.family, room, request.criterion, target),
+        *(request.noise, request.prior, _effects(request), request.seed),
+    )
+    starts = fitting.starts(round(FITTING * spare), progress=report)
+    maneuvers = len(starts)
+    if not maneuvers:  # the search looks for the room of each maneuver then
+        maneuvers = max(1, (spare - fitting.simulations) // with_room)
+    budget = runs.verification + maneuvers * runs.maneuver
+    return _Beginning(budget, starts, fitting.simulations, SearchHistory(*fitting.history()))
 
 
 def _searched_by_indices(
@@ -225,7 +270,7 @@ def _searched_by_indices(
     return design_excitation(
         ReplayedTrajectoryError(request.vehicle, request.family, _room(request)),
         request.family.operation,
-        dict(request.vehicle.unknown),
+        request.vehicle.unknown,
         request.target,
         noise_variance=request.noise.of_trajectory_error,
         samples=request.samples,
@@ -329,7 +374,7 @@ def _judge(request: PlanRequest, family: ManeuverFamily, x: FloatArray) -> _Mane
 
     result = sensitivity(
         simulate_and_keep,
-        dict(request.vehicle.unknown),
+        request.vehicle.unknown,
         samples=request.samples,
         seed=request.seed,
     )
@@ -350,7 +395,7 @@ def _predicted_covariance(request: PlanRequest, points: list[FloatArray]) -> Flo
     return predicted_covariance(
         _trajectories(request, None),  # they fit
         tuple(points),
-        Box.of(dict(request.vehicle.unknown)),
+        Box.of(request.vehicle.unknown),
         request.noise.of_trajectory,
         seed=request.seed + 2,
         prior=request.prior,
@@ -372,7 +417,7 @@ def _plans(
     predicted_std: dict[str, float] = {}
     criterion_cost = maneuvers[0].cost if design is None else design.cost
     if covariance is not None:
-        unknown = Box.of(dict(vehicle.unknown))
+        unknown = Box.of(vehicle.unknown)
         std = np.sqrt(np.diag(covariance)) * (np.array(unknown.high) - unknown.low)
         predicted_std = dict(zip(unknown.names, std.tolist(), strict=True))
         if design is None and request.criterion is not Criterion.H:

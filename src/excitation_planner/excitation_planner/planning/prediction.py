@@ -92,7 +92,7 @@ def planned_effects(
 ) -> tuple[Effect, ...]:
     """Return the effects that a plan counts; those with another value in each drive come last.
 
-    The deviations are left out: a process has no end of variables.
+    The deviations are left out: a process in time has a variable at every instant.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def predicted_progress(
     """
     if plan.noise.noise_std == 0.0:
         raise DesignError("a plan with noise_std 0 predicts nothing")
-    unknown, noise = Box.of(dict(vehicle.unknown)), plan.noise.of_trajectory
+    unknown, noise = Box.of(vehicle.unknown), plan.noise.of_trajectory
     time = np.append(np.arange(0.0, plan.commands.duration, 1.0), plan.commands.duration)
     effects = planned_effects(vehicle, plan.effects)
     trajectories, nuisances = list[FloatArray](), nuisance_parameters(effects)

@@ -12,16 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tricycle_core.poses import Pose, along_arc
 from tricycle_core.quantities import FloatArray
-
-Pose = tuple[float, float, float]
-"""x, y [m] and heading [rad] of the point that moves along its heading."""
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 """Left arc, straight line, right arc: the kinds of Dubins paths."""
 
 ROUND_OFF = 3e-7
-"""Length below which an arc is none [m]: for it the vehicle would stand and turn its wheels."""
+"""Length below which an arc is left out [m]: the vehicle would stop for it and turn its wheels."""
 
 _SIGN = {"L": 1.0, "S": 0.0, "R": -1.0}
 
@@ -52,11 +50,9 @@ class Arc:
         s : ndarray of float, shape (n,)
             Distance from the start, with the sign of the length [m].
         """
-        x, y, heading = self.start
-        turn = self.curvature * s
-        chord = s * np.sinc(turn / (2.0 * np.pi))
-        course = heading + 0.5 * turn
-        return x + chord * np.cos(course), y + chord * np.sin(course), heading + turn
+        *_, heading = self.start
+        x, y, turn = along_arc(*self.start, self.curvature, s)
+        return x, y, heading + turn
 
     @property
     def end(self) -> Pose:
@@ -141,7 +137,7 @@ def dubins_arcs(start: Pose, word: str, lengths: FloatArray, radius: float) -> t
 
 
 def _positive(angle: FloatArray) -> FloatArray:
-    """Angle in [0, 2 pi); a whole turn by round-off is none."""
+    """Angle in [0, 2 pi); a whole turn that comes from round-off is 0."""
     turned: FloatArray = np.mod(angle, math.tau)
     # the root of a round-off error of 1e-16 is 1e-8
     return np.where(turned > math.tau - 1e-7, 0.0, turned)

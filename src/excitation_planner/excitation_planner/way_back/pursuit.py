@@ -8,25 +8,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from excitation_planner.area.fence import START_HEADING_TOLERANCE, START_POSITION_TOLERANCE
-from excitation_planner.area.polygons import seen_from
-from excitation_planner.way_back.dubins import Arc, Pose
+from excitation_planner.way_back.dubins import Arc
 from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import Pose, seen_from
 
 WALKING_SPEED = 0.6
-"""Largest [m/s]."""
+"""Largest speed [m/s]."""
 
 CREEPING_SPEED = 0.12
-"""Smallest that a wheel is commanded to turn with [m/s]."""
+"""Smallest commanded speed [m/s]."""
 
 ACCELERATION = 0.3
-"""At the beginning of an arc [m/s^2]."""
+"""Acceleration at the beginning of an arc [m/s^2]."""
 
 DECELERATION = 0.2
-"""Towards its end [m/s^2]."""
+"""Deceleration towards the end of an arc [m/s^2]."""
 
 STEERING_RATE = 0.3
-"""At which the motor turns the wheels at rest [rad/s]: fast ones shake the vehicle."""
+"""Rate of the motor while it turns the wheels at rest [rad/s]: a faster one shakes the vehicle."""
 
 LAG = 0.15
 """Time for which the vehicle goes on after its command is standstill [s]."""
@@ -38,7 +38,7 @@ SMOOTHING = 0.2
 """Way along which the steering takes up a correction [m]; at rest it would not correct anything."""
 
 SLACK = 1.4
-"""Radius of the arcs, by the tightest that the steering gives: the rest corrects deviations."""
+"""Radius of the arcs over that of the tightest: the rest of the steering corrects deviations."""
 
 SETTLING = 0.7
 """Time at rest before and after an arc [s]; poses are averaged over it."""

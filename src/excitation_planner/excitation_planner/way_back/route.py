@@ -16,10 +16,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.area.polygons import Rings, contains, placed, seen_from
+from excitation_planner.area.polygons import Rings, contains
 from excitation_planner.area.stops import RUN_OUT
-from excitation_planner.way_back.dubins import WORDS, Arc, Pose, dubins_arcs, dubins_lengths
+from excitation_planner.way_back.dubins import WORDS, Arc, dubins_arcs, dubins_lengths
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import Pose, placed, seen_from
 from tricycle_core.quantities import FloatArray
 
 APPROACHES = (1.5, 3.0, 5.0)

@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from excitation_planner.area.polygons import placed
 from excitation_planner.area.tube import footprint_of
 from parameter_identification.judging.judgement import Judgement
 from tricycle_cli.reports.static_figures import MEASURED, REFERENCE
 from tricycle_core.documents import replacing
+from tricycle_core.poses import placed
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 

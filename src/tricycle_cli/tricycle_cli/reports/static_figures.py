@@ -14,13 +14,13 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MatplotlibPath
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import placed
 from excitation_planner.design.prior import UNIFORM_STD
 from excitation_planner.indices.figure import Spread, draw_indices
 from excitation_planner.plan import Index, Plan
 from parameter_identification.estimation.intervals import half_width
 from tricycle_core.documents import replacing
 from tricycle_core.palette import BLUE, VERMILLION
+from tricycle_core.poses import placed
 from tricycle_core.quantities import FloatArray
 
 if TYPE_CHECKING:

@@ -164,15 +164,7 @@ def load_mapping(path: Path) -> FmuMapping:
             name: {"variable": entry} if isinstance(entry, str) else entry
             for name, entry in entries.items()
         }
-        keys = [entry.name for entry in dataclasses.fields(Variable)]
-        for name, entry in entries.items():
-            for key in entry if isinstance(entry, Mapping) else ():
-                if key not in keys:
-                    raise PlantError(f"{path}: {part}.{name}.{key}: unknown; {hint(key, keys)}")
-        for name in () if part == "parameters" else entries:
-            right = [q for q in QUANTITIES if (q in INPUTS) == (part == "inputs")]
-            if name not in right:
-                raise PlantError(f"{path}: {part}.{name}: unknown; {hint(name, right)}")
+        _check_names(path, part, entries)
     mapping = decode(FmuMapping, {**filled, "folder": str(path.parent)}, str(path), PlantError)
     if not (math.isfinite(mapping.step) and mapping.step > 0.0):
         raise PlantError(f"{path}: step: {mapping.step:g} must be positive (s)")
@@ -181,3 +173,16 @@ def load_mapping(path: Path) -> FmuMapping:
             if not math.isfinite(variable.scale) or variable.scale == 0.0:
                 raise PlantError(f"{path}: {name}.scale: {variable.scale:g} must be finite, not 0")
     return mapping
+
+
+def _check_names(path: Path, part: str, entries: Mapping[str, Any]) -> None:
+    """Refuse an unknown quantity in a part of a mapping, and an unknown key of an entry."""
+    keys = [entry.name for entry in dataclasses.fields(Variable)]
+    for name, entry in entries.items():
+        for key in entry if isinstance(entry, Mapping) else ():
+            if key not in keys:
+                raise PlantError(f"{path}: {part}.{name}.{key}: unknown; {hint(key, keys)}")
+    for name in () if part == "parameters" else entries:
+        right = [q for q in QUANTITIES if (q in INPUTS) == (part == "inputs")]
+        if name not in right:
+            raise PlantError(f"{path}: {part}.{name}: unknown; {hint(name, right)}")

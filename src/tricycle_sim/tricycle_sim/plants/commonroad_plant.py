@@ -13,10 +13,11 @@ from scipy.integrate import odeint
 
 from tricycle_core.errors import PlantError
 from tricycle_core.optional import missing
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.actuators import Motor, SteeringServo
-from tricycle_sim.plants.plant import PlanarMotion, Pose, planar_state
+from tricycle_sim.plants.plant import PlanarMotion, planar_state
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 

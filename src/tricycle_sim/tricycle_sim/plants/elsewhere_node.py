@@ -13,10 +13,11 @@ from tricycle_core.errors import PlantError
 from tricycle_core.frames import BASE_LINK, of_frame
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import ending, time_message
+from tricycle_core.poses import Pose
 from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.actuators import Motor, SteeringServo
-from tricycle_sim.plants.plant import PlanarMotion, Pose, planar_state
+from tricycle_sim.plants.plant import PlanarMotion, planar_state
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 

@@ -10,11 +10,12 @@ import math
 from pathlib import Path
 
 from tricycle_core.errors import PlantError
+from tricycle_core.poses import Pose
 from tricycle_core.timing import TICK
 from tricycle_sim.fmi.cosimulation import Fmu, Instance
 from tricycle_sim.fmi.mapping import START, FmuMapping, load_mapping
 from tricycle_sim.plants.actuators import SteeringServo
-from tricycle_sim.plants.plant import PlanarMotion, Pose, planar_state
+from tricycle_sim.plants.plant import PlanarMotion, planar_state
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 

@@ -90,5 +90,5 @@ def _check_call(name: str, make: Any, *arguments: object) -> None:
         if not isinstance(last, Path):
             raise
         raise PlantError(f"the plant {name} takes no file, but {last} is given") from None
-    except ValueError:  # it does not tell what it takes
+    except ValueError:  # it has no signature
         return

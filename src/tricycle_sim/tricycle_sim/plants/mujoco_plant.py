@@ -1,7 +1,7 @@
 """The vehicle as rigid bodies with hinges and frictional contacts, in MuJoCo.
 
-Masses, inertia, places, caster and the tyres' springs are the vehicle file's. What the file does
-not say is taken thus: a wheel is a ring with its inertia, the tyre is thin. It slips by another law
+Masses, inertia, places, caster and the tyres' springs are the vehicle file's. Where the
+file says nothing: a wheel is a ring with its inertia, the tyre is thin. It slips by another law
 than ours: in proportion to the force whatever the speed, a wheel with the cornering stiffness C at
 C N per m/s, up to its friction. There is no relaxation, no camber force, no self-aligning moment
 and no drag.
@@ -14,11 +14,11 @@ import numpy as np
 
 from tricycle_core.errors import PlantError
 from tricycle_core.optional import missing
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.actuators import Motor, SteeringServo
-from tricycle_sim.plants.plant import Pose
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.body import upward
 from tricycle_sim.vehicle.live import LiveState

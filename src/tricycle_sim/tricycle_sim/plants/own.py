@@ -1,6 +1,6 @@
 """Our own vehicle, the model of `docs/model.md`, as a plant."""
 
-from tricycle_sim.plants.plant import Pose
+from tricycle_core.poses import Pose
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState, LiveVehicle
 

@@ -3,12 +3,10 @@
 import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from tricycle_core.poses import Pose
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
-
-Pose = tuple[float, float, float]
-"""x, y [m] and heading [rad]."""
 
 
 class Plant(Protocol):

@@ -34,7 +34,7 @@ class PlcPair(Closing):
 
     Parameters
     ----------
-    steer_path, drive_path : path
+    steer_path, drive_path : str or PathLike
         Paths at which the serial devices appear.
     start_us : int
         Reading of the PLCs' clocks at the start in us, to come near their wrap.

@@ -8,15 +8,16 @@ from collections.abc import Callable, Collection
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.closing import Closing
 from tricycle_core.errors import ExcitationError, PlantError
+from tricycle_core.poses import Pose
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.own import OwnPlant
-from tricycle_sim.plants.plant import HoldsSpeed, Plant, Pose
+from tricycle_sim.plants.plant import HoldsSpeed, Plant
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan, RigFault
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import ORIGIN, LiveState
 
 _VECTORS = {"quaternion", "specific_force", "wheel_speeds", "loads"}
-# what a plant has to tell in numbers: name, whether there are several
+# numbers of a plant's state: name, and whether it is a tuple of them
 _TOLD = [(field.name, field.name in _VECTORS) for field in dataclasses.fields(LiveState)]
 _RESET = {Board.STEER: FaultKind.STEER_RESET, Board.DRIVE: FaultKind.DRIVE_RESET}
 _HANG = {Board.STEER: FaultKind.STEER_HANG, Board.DRIVE: FaultKind.DRIVE_HANG}

@@ -86,7 +86,7 @@ def read_feasibility(
 
     Parameters
     ----------
-    groups : shape (b, ROWS * LANES)
+    groups : ndarray of float, shape (b, ROWS * LANES)
         Groups of the vehicles, after `advance`.
     n : int
         Number of samples.

@@ -23,7 +23,7 @@ from tricycle_sim.vehicle.kernel import COMMAND, laws_of, slopes, variant_of, wa
 from tricycle_sim.vehicle.layout import ALIVE, LANES, SLOPE, START, STATE, SUM
 from tricycle_sim.vehicle.parts import ROWS, Structure, structure_of
 
-logging.getLogger("numba.cuda").setLevel(logging.WARNING)  # it tells of every allocation
+logging.getLogger("numba.cuda").setLevel(logging.WARNING)  # it logs every allocation
 # a few thousand samples do not fill a card, and are faster on it all the same
 warnings.filterwarnings("ignore", message=".*under-utilization")
 

@@ -65,9 +65,9 @@ class Equilibrium:
     pose : tuple of float
         Height of the COM [m], roll and pitch of the body [rad].
     moved_by : list of int
-        Numbers of the unknown parameters that make a vehicle stand otherwise.
+        Indices of the unknown parameters that change how a vehicle stands.
     steered_by : list of int
-        Numbers of those that change how it steers.
+        Indices of those that change how it steers.
     """
 
     pose: tuple[float, float, float]

@@ -29,7 +29,7 @@ class SteeredWheel(NamedTuple):
     angle: float
 
     def pace(self, turn: float) -> float:
-        """Return its speed by that of the unsteered axle.
+        """Return its speed over that of the unsteered axle.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
     for motor_angle in motor_angles:
         wheels = steered_wheels(vehicle, motor_angle)
         turn = curvature(list(wheels.values()))
-        # of the motor, by that of the unsteered axle; an axle's mean is its middle's
+        # speed of the motor over that of the unsteered axle; an axle's mean is its middle's
         pace = sum(
             share(vehicle.of(w)) * (wheels[w.name].pace(turn) if w.steered else 1.0)
             for w in vehicle.wheels

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tricycle_bridge.protocol.limits import MAX_SPEED
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
@@ -40,8 +41,7 @@ from tricycle_sim.vehicle.parts import (
 from tricycle_sim.vehicle.sensing import relative_spin, specific_force
 from tricycle_sim.vehicle.stability import check_step, lengthen_relaxation
 
-ORIGIN = (0.0, 0.0, 0.0)
-"""Pose: x, y [m] and heading [rad]."""
+ORIGIN: Pose = (0.0, 0.0, 0.0)
 _BODY = numbered(BODY, first=BLOCK.body)
 
 
@@ -102,7 +102,7 @@ class LiveVehicle:
         *,
         parameters: ArrayLike | None = None,
         substeps: int = 2,
-        start: tuple[float, float, float] = ORIGIN,
+        start: Pose = ORIGIN,
     ) -> None:
         point = vehicle.nominal_point() if parameters is None else np.asarray(parameters, float)
         if point.shape != (len(vehicle.unknown),):

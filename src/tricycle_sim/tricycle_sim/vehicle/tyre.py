@@ -104,7 +104,7 @@ def slip_slopes(
 ) -> tuple[float, float]:
     """Return the slopes of both relaxed slips [1/s].
 
-    A slip that counts more, relaxes later: in a viscous contact within a time, not on a length.
+    Slips that count more relax more slowly: those of a viscous contact in a time, not on a length.
 
     Parameters
     ----------

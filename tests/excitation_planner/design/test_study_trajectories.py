@@ -15,7 +15,7 @@ from excitation_planner import (
     design_excitation,
 )
 from excitation_planner.design.prior import NuisanceParameters
-from excitation_planner.design.trajectories import read_trajectories, write_trajectories
+from excitation_planner.design.study_trajectories import read_trajectories, write_trajectories
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 
 pa = pytest.importorskip("pyarrow")
@@ -212,7 +212,7 @@ def test_what_is_known_is_not_contradicted(tmp_path, monkeypatch):
         study.tell(other.point, [0], (Y[:1], Y[:1, :, :2]))
     with pytest.raises(DesignError, match="say why"):
         study.tell_infeasible(other.point, " ")
-    monkeypatch.setattr("excitation_planner.design.trajectories.MAX_VALUES", 100)
+    monkeypatch.setattr("excitation_planner.design.study_trajectories.MAX_VALUES", 100)
     with pytest.raises(DesignError, match="more than 100 numbers: tell fewer"):
         study.tell(other.point, [0], Y[:1])
 

@@ -180,7 +180,7 @@ def _columns(path: Path) -> dict[str, NDArray[np.generic]]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """A file of pyarrow; what is wrong with it is said as of the path."""
+    """Open a Parquet file; errors name its path."""
     arrow = optional("pyarrow", "a study of trajectories")
     parquet = optional("pyarrow.parquet", "a study of trajectories")
     content = read_bounded(path, MAX_BYTES, "a file of trajectories", DesignError)
