@@ -53,8 +53,8 @@ setup-run: .venv/ready-to-run  ## build .venv with what plans, drives and identi
 demo: setup-run $(if $(filter firmware,$(PLC)),firmware)  ## plan, drive, record and judge two maneuvers; writes out/demo
 	$(BIN)/tricycle demo --output out/demo --overwrite $(if $(filter firmware,$(PLC)),--firmware build/firmware)
 
-test: check  ## everything: lint, types, import contract, all tests
-	$(BIN)/python -m pytest -m "slow and not ros" -q -n 2 --dist worksteal
+test: lint  ## everything: lint, types, import contract, all tests
+	$(BIN)/python -m pytest -m "not ros" -q -n 2 --dist worksteal
 	$(BIN)/python -m pytest -m ros -q -n 2 --dist worksteal
 
 check: setup lint  ## lint, types, import contract and the fast tests

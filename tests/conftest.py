@@ -1,6 +1,7 @@
 """Hypothesis as all tests use it; the firmware, compiled once per run for those that need it."""
 
 import dataclasses
+import itertools
 import os
 import shutil
 import signal
@@ -26,6 +27,22 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 FIRMWARE = Path(__file__).parents[1] / "firmware"
+
+
+@pytest.hookimpl(trylast=True)  # of the tests that are left
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin both halves, which two processes are given to begin with, with the slow tests.
+
+    A process that has run its half takes tests from the end of the other's: quick ones then, so
+    that both end at the same time. The tests of a file stay together, as they share fixtures.
+    """
+    halves: tuple[list[pytest.Item], ...] = ([], [])
+    for slow in (True, False):
+        chosen = [item for item in items if (item.get_closest_marker("slow") is not None) is slow]
+        for number, (_, tests) in enumerate(itertools.groupby(chosen, lambda item: item.path)):
+            halves[number % 2].extend(tests)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items[:] = halves[0] + halves[1]
 
 
 @pytest.fixture

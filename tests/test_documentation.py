@@ -37,23 +37,6 @@ def generator():
     return module
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The site, built as `make docs` builds it."""
-    folder = tmp_path_factory.mktemp("site")
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder],
-        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return folder
-
-
-@pytest.mark.slow
-def test_the_site_builds_without_a_warning(site):
-    assert (site / "index.html").exists()
-
-
 @pytest.mark.slow
 def test_a_broken_link_fails_the_build_as_the_makefile_starts_it(tmp_path):
     (line,) = re.findall(r"mkdocs build.*", (ROOT / "Makefile").read_text())
@@ -73,19 +56,25 @@ def test_a_broken_link_fails_the_build_as_the_makefile_starts_it(tmp_path):
     assert list(status.values()) == [0, 1, 1], status
 
 
-@pytest.mark.slow
-def test_search_and_equations_work_from_a_folder_without_a_network(site):
+@pytest.mark.slow  # one test: two would be shared out, and the site built by each process
+def test_the_site_builds_without_a_warning_and_works_from_a_folder_without_a_network(tmp_path):
     """The site's own scripts only; the search index is a script, which a page may load."""
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path],
+        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "index.html").exists()
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
-        pytest.skip("no Chromium on PATH (Debian: apt-get install chromium)")
+        pytest.skip("it builds; no Chromium on PATH (Debian: apt-get install chromium)")
     sync_api = pytest.importorskip("playwright.sync_api")
     requests = []
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         page = browser.new_page()
         page.on("request", lambda request: requests.append(request.url))
-        page.goto((site / "method.html").as_uri())
+        page.goto((tmp_path / "method.html").as_uri())
         page.wait_for_selector(".arithmatex .katex-html")
         page.fill("input[name=query]", "watchdog")
         page.wait_for_selector(".md-search-result__item")

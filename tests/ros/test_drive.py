@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +104,13 @@ def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
     assert np.all(np.diff(stamps) == 1)  # every tick of the simulated clock, none lost
 
 
-def test_a_recorder_that_is_held_up_misses_nothing_of_its_pause(ros_environment, plan, tmp_path):
+def test_three_drives_of_a_session_of_which_a_paused_recorder_misses_nothing(
+    ros_environment, ros_node, plan, tmp_path, capfd
+):
+    """What the monitor learns ends none; one is recorded late; the last one is interrupted."""
+    estimates = ros_node.create_publisher(DiagnosticStatus, "identification/estimates", LATCHED)
+    values = {"known": "true", "plan_id": plan.id}
+    message = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values.items()])
     held = []
 
     def hold_up(elapsed, _duration):  # from 1 to 4 s
@@ -113,34 +120,34 @@ def test_a_recorder_that_is_held_up_misses_nothing_of_its_pause(ros_environment,
         elif elapsed > 4000:
             os.kill(held[0], signal.SIGCONT)
 
-    with simulated_session(
-        vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path
-    ) as drive:
+    def interrupt(elapsed, _duration):
+        if elapsed > 0:
+            raise KeyboardInterrupt
+
+    with (
+        suppress(KeyboardInterrupt),
+        simulated_session(
+            vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path
+        ) as drive,
+    ):
+        drive(plan, tmp_path / "learned", lambda *_: estimates.publish(message))
         try:
-            drive(plan, tmp_path / "bag", hold_up)
+            drive(plan, tmp_path / "paused", hold_up)
         finally:
             for recorder in held:
                 os.kill(recorder, signal.SIGCONT)
-    start = read_drive(tmp_path / "bag", sensors=False).start // 10_000_000
-    with AnyReader([tmp_path / "bag"]) as reader:
+        assert held
+        drive(plan, tmp_path / "interrupted", interrupt)
+    assert "the vehicle is stopped and recorded for 5 s more" in capfd.readouterr().err
+    # it has not asked for it
+    assert read_drive(tmp_path / "learned").ended_early is None
+    start = read_drive(tmp_path / "paused", sensors=False).start // 10_000_000
+    with AnyReader([tmp_path / "paused"]) as reader:
         for topic in ("/odom", "/imu", "/joint_states", "/joint_commands"):
             stamps = np.sort(_stamps(reader, topic)) - start
             driven = stamps[(stamps >= 0) & (stamps <= 600)]
             # on a busy machine the nodes themselves leave out some ticks of so fast a simulation
             assert np.diff(driven, prepend=0, append=600).max() < 30, topic
-
-
-def test_what_the_monitor_has_learned_ends_no_drive_that_has_not_asked_for_it(
-    ros_environment, ros_node, plan, tmp_path
-):
-    estimates = ros_node.create_publisher(DiagnosticStatus, "identification/estimates", LATCHED)
-    values = {"known": "true", "plan_id": plan.id}
-    message = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values.items()])
-    with simulated_session(
-        vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path
-    ) as drive:
-        drive(plan, tmp_path / "bag", lambda *_: estimates.publish(message))
-    assert read_drive(tmp_path / "bag").ended_early is None
 
 
 DYING = """
@@ -206,23 +213,6 @@ def test_an_interrupted_drive_leaves_a_readable_bag_and_no_process(
     assert node_processes(tmp_path) == []
     with AnyReader([tmp_path / "bag"]) as reader:
         assert sum(1 for _ in reader.messages()) > 0
-
-
-def test_an_interruption_of_the_maneuver_says_what_it_waits_for(
-    ros_environment, plan, tmp_path, capfd
-):
-    def interrupt(elapsed, _duration):
-        if elapsed > 0:
-            raise KeyboardInterrupt
-
-    with (
-        pytest.raises(KeyboardInterrupt),
-        simulated_session(
-            vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path
-        ) as drive,
-    ):
-        drive(plan, tmp_path / "bag", interrupt)
-    assert "the vehicle is stopped and recorded for 5 s more" in capfd.readouterr().err
 
 
 def _stamps(reader, topic):

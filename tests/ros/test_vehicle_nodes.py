@@ -40,7 +40,7 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
         save_plan(plan, tmp_path / name)
         return plan.id
 
-    long = save("long.json", 240.0)
+    long = save("long.json", 120.0)
     short = save("short.json", 4.0)
     state, vehicle = {}, {}
     for topic, heard in (("maneuver/state", state), ("vehicle/state", vehicle)):

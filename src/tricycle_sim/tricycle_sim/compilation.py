@@ -45,6 +45,8 @@ _FINGERPRINT = hashlib.sha256(b"".join(path.read_bytes() for path in sources()))
 
 
 _OPTIONS: dict[str, Any] = {"fastmath": FASTMATH, "error_model": "numpy"}
+# of what only compiled code calls: each would be compiled with all that it inlines
+_NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 @cache
@@ -58,7 +60,9 @@ def compilable(function: Callable[..., Any]) -> Any:
     """
     if numba.config.DISABLE_JIT:
         return function
-    return numba.njit(_with(function, {}, function.__qualname__), forceinline=True, **_OPTIONS)
+    return numba.njit(
+        _with(function, {}, function.__qualname__), forceinline=True, **_NO_WRAPPERS, **_OPTIONS
+    )
 
 
 @cache

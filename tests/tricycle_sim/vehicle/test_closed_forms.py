@@ -62,11 +62,13 @@ def turned(vehicle, speed, angle, seconds=6.0):
 @pytest.mark.parametrize(
     ("front", "rear"), [(1200.0, 1500.0), (1500.0, 1500.0)], ids=["understeer", "neutral"]
 )
-@pytest.mark.parametrize("law", ["linear", "fiala", "magic_formula"])
-def test_understeer_gradient_is_that_of_the_bicycle(law, front, rear):
+@pytest.mark.parametrize("laws", [("linear", "linear"), ("fiala", "magic_formula")], ids="-".join)
+def test_understeer_gradient_is_that_of_the_bicycle(laws, front, rear):
     """By the steering that a steady turn needs beyond the wheelbase times its curvature."""
-    structure = structures.PLAIN | {"parts": {"steering": "parallel", "tyre": law}}
-    own = structures.MAGIC if law == "magic_formula" else {}
+    parts = {"steering": "parallel", "front.tyre": laws[0], "rear.tyre": laws[1]}
+    structure = structures.PLAIN | {"parts": parts}
+    magic = laws[1] == "magic_formula"
+    own = {f"rear.{name}": value for name, value in structures.MAGIC.items()} if magic else {}
     constants = {"front.cornering_stiffness": front, "rear.cornering_stiffness": rear}
     vehicle = structures.vehicle_of(structure, **own, **constants)
     a, b = 0.7, 0.8
