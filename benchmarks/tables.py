@@ -1,18 +1,20 @@
 """Identification from tables of other people's loggers: how many intervals hold the truth.
 
     python benchmarks/tables.py [--vehicles 20] [--position NOISE ...] [--steering ...]
-        [--loop none|own|late|quick|slow|scale ...] [--late SECONDS ...]
+        [--loop none|own|late|quick|slow|scale ...] [--late SECONDS ...] [--angle NOISE ...]
+        [--duration SECONDS ...] [--wheel]
 
 Random vehicles are driven for a minute at 0.7 to 1.1 m/s, steered by three sines. The tables come
 at 50 Hz: the pose, with each noise of the positions in turn and 0.2 rad per m of it of the heading,
-and the gyro (1 mrad/s); the angle of the steering motor (2 mrad) or its set-points. Where the
-positions are exact, all is. Windows of 2 s are identified as `tricycle identify FILE --columns
-MAPPING` does it. With `--loop` the tables have the set-points of the speed too, of a loop that is
-the vehicle file's, hears of them 0.1 s late, has twice its gains or half of them, or is 2 % faster
-than it believes. With `--late` the steering comes so much later than the poses (negative: earlier).
-Printed, of each parameter: in how many vehicles it is shown, how many 95 % intervals hold the truth
-there, and their median width in % of the range; then the cells whose coverage an exact binomial
-test rejects (held_intervals.py).
+and the gyro (1 mrad/s); the angle of the steering motor (2 mrad) or its set-points; with `--wheel`
+the speed of the driven wheel (0.01 rad/s). Where the positions are exact, all is. Windows of 2 s
+are identified as `tricycle identify FILE --columns MAPPING` does it. With `--loop` the tables have
+the set-points of the speed too, of a loop that is the vehicle file's, hears of them 0.1 s late, has
+twice its gains or half of them, or is 2 % faster than it believes. With `--late` the steering comes
+so much later than the poses (negative: earlier). `--angle` and `--duration` are other noises of the
+angle [rad] and lengths of the drives. Printed, of each parameter: in how many vehicles it is shown,
+how many 95 % intervals hold the truth there, and their median width in % of the range; then the
+cells whose coverage an exact binomial test rejects (held_intervals.py).
 """
 
 import argparse
@@ -35,7 +37,7 @@ from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle.batch import simulate
 
-DURATION, EVERY = 60.0, 0.02
+EVERY = 0.02
 STEERING = {"angle": "steering_angle", "set-points": "steering"}
 GAINS = "speed_gain_proportional", "speed_gain_integral"
 LATE = 0.1  # s
@@ -49,9 +51,9 @@ LOOPS = {  # constants of the vehicle that are other than in its file, as shares
 }
 
 
-def drive(rng):
+def drive(rng, duration):
     """Commands of a drive."""
-    time = np.arange(0.0, DURATION, TICK)
+    time = np.arange(0.0, duration, TICK)
     angle = np.zeros(len(time))
     for size, rate in ((0.3, 0.35), (0.25, 0.9), (0.1, 2.2)):
         angle += size * np.sin(rate * time + rng.uniform(0.0, 2.0 * np.pi))
@@ -59,10 +61,10 @@ def drive(rng):
     return Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(speed, time))
 
 
-def identified(seed, position, steering, loop, late):
-    """Truth and parameters found of a vehicle."""
+def identified(seed, position, steering, loop, late, angle, duration, wheel):
+    """Truth, parameters found and number of windows of a vehicle."""
     rng, truth = np.random.default_rng([seed, 1]), draw(seed)
-    commands = drive(rng)
+    commands = drive(rng, duration)
     driven = VEHICLE.replace(**{n: VEHICLE.values[n] * share for n, share in LOOPS[loop].items()})
     heard = commands
     if loop == "late":
@@ -77,7 +79,8 @@ def identified(seed, position, steering, loop, late):
         ("y", motion.y[0], position),
         ("yaw", motion.yaw[0], 0.2 * position),
         ("yaw_rate", motion.yaw_rate[0], 0.0 if exact else 1e-3),
-        ("steering_angle", motion.steering_motor_angle[0], 0.0 if exact else 2e-3),
+        ("steering_angle", motion.steering_motor_angle[0], 0.0 if exact else angle),
+        ("wheel_speed", motion.drive_speed[0], 0.0 if exact else 1e-2),
     ):
         seen = time - late if name == "steering_angle" else time
         columns[name] = np.interp(seen, motion.time, values)
@@ -88,6 +91,8 @@ def identified(seed, position, steering, loop, late):
     columns["steering"] = commands.steering_motor_angle[np.maximum(told, 0)]
     columns["speed"] = commands.speed[held]
     mapping = {"time": "t", "x": "x", "y": "y", "yaw": "yaw", "yaw_rate": "yaw_rate"}
+    if wheel:
+        mapping["wheel_speed"] = "wheel_speed"
     entry = STEERING[steering]
     if loop != "none":
         mapping["speed_command"] = "speed"
@@ -98,15 +103,16 @@ def identified(seed, position, steering, loop, late):
         mapped = Columns(**mapping, **{entry: entry})
         recording = read_recording(path, mapped, VEHICLE)
     table = Table(recording, VEHICLE, SteeringMap(), Windows())
+    drives = table.drives()
     found = identify(
-        table.drives(),
+        drives,
         VEHICLE,
         effects=effects_of_columns(mapped),
         weighed=True,
         redraw=redraw_of([table]) if loop == "none" else None,
         seed=seed,
     )
-    return truth, found.parameters
+    return truth, found.parameters, len(drives)
 
 
 def main():
@@ -118,20 +124,26 @@ def main():
     parser.add_argument("--steering", nargs="+", choices=STEERING, default=list(STEERING))
     parser.add_argument("--loop", nargs="+", choices=LOOPS, default=["none"])
     parser.add_argument("--late", type=float, nargs="+", default=[0.0], metavar="SECONDS")
+    parser.add_argument("--angle", type=float, nargs="+", default=[2e-3], metavar="NOISE")
+    parser.add_argument("--duration", type=float, nargs="+", default=[60.0], metavar="SECONDS")
+    parser.add_argument("--wheel", action="store_true")
     args = parser.parse_args()
     tally = Tally()
     with ProcessPoolExecutor() as pool:
-        for position, steering, loop, late in itertools.product(
-            args.position, args.steering, args.loop, args.late
+        for position, steering, loop, late, angle, duration in itertools.product(
+            args.position, args.steering, args.loop, args.late, args.angle, args.duration
         ):
             seeds = range(args.vehicles)
-            every = [itertools.repeat(value) for value in (position, steering, loop, late)]
-            found = list(pool.map(identified, seeds, *every))
+            values = position, steering, loop, late, angle, duration, args.wheel
+            found = list(pool.map(identified, seeds, *map(itertools.repeat, values)))
             cell = f"{1e3 * position:g} mm, {steering}" + f", loop {loop}" * (loop != "none")
             cell += f", steering {late:g} s late" * (late != 0.0)
-            print(f"positions {cell}", flush=True)
+            cell += f", angle {1e3 * angle:g} mrad" * (steering == "angle" and len(args.angle) > 1)
+            cell += f", {duration:g} s" * (len(args.duration) > 1)
+            windows = np.median([number for _, _, number in found])
+            print(f"positions {cell}: {windows:g} windows (median)", flush=True)
             for i, name in enumerate(VEHICLE.unknown):
-                own = [(truth[i], parameters[name]) for truth, parameters in found]
+                own = [(truth[i], parameters[name]) for truth, parameters, _ in found]
                 shown = [(t, e) for t, e in own if e.identifiable]
                 low, high = VEHICLE.unknown[name]
                 width = np.median([e.high - e.low for _, e in own]) / (high - low)

@@ -29,6 +29,7 @@ from parameter_identification.drives.windows import (
     read_windows,
     recorded_commands,
     select_windows,
+    setpoints_of,
     steering_of,
     turned_angle,
 )
@@ -299,6 +300,18 @@ def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
         match=r"are the units wrong\? In the mean, the poses come every 0.02 s .* at 0.001\d+ m/s$",
     ):
         estimate_map(small, VEHICLE)
+
+
+def test_an_offset_of_the_steering_is_no_error_of_a_measured_angle(
+    tmp_path: Path, columns: Columns
+) -> None:
+    told = read_recording(table(tmp_path / "told.csv"), columns)
+    told = dataclasses.replace(told, steering_measured=True)
+    motion, askew = motion_of(told), VEHICLE.replace(steering_offset=0.05)
+    noisy = told.steering.values + 0.01 * np.random.default_rng(2).standard_normal(len(told.time))
+    told = dataclasses.replace(told, steering=Samples(told.time, noisy))
+    off = [setpoints_of(told, motion, own, SteeringMap(gain=GAIN))[1] for own in (VEHICLE, askew)]
+    assert off[1] == pytest.approx(off[0], rel=0.1)
 
 
 @pytest.mark.slow

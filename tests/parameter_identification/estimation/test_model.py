@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, shares
 
+from parameter_identification.drives.following import curvature_per_angle
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
@@ -53,6 +54,26 @@ def test_derivatives_are_those_of_the_prediction(model):
             np.testing.assert_allclose(p.jacobian[smooth, :, i], slope[smooth], atol=tolerance)
 
 
+def test_an_error_of_the_steering_moves_the_body_by_way_of_its_tyres():
+    commands = commands_of_pair()["lane"]
+    believed = driven(commands, noise=0.0, others=EXACT.items())
+    model = DriveModel(VEHICLE, dataclasses.replace(believed, turn_std=1e-3))
+    errors = [n for n in model.nuisances if n.name.startswith(ERROR)]
+    at = np.linspace(0.0, model.motion.time[-1], len(errors))
+    wanted = np.where(np.abs(at - 0.4 * at[-1]) < 0.4, 2.0, 0.0)  # standard deviations
+    off = errors[0].std * np.interp(commands.time, at, wanted)
+    steered = dataclasses.replace(
+        commands, steering_motor_angle=commands.steering_motor_angle + off
+    )
+    seen = driven(steered, noise=0.0, others=EXACT.items())
+    model = DriveModel(VEHICLE, dataclasses.replace(believed, signals=seen.signals, turn_std=1e-3))
+    rows = np.array([(0.0 - n.mean) / n.std for n in model.nuisances])
+    without = model.predict(shares(TRUTH), rows)
+    rows[[i for i, n in enumerate(model.nuisances) if n.name.startswith(ERROR)]] = wanted
+    for p, before in zip(model.predict(shares(TRUTH), rows), without, strict=True):
+        assert np.abs(p.residual).max() < 0.05 * np.abs(before.residual).max(), p.sensor
+
+
 def test_the_misfit_prefers_the_truth(model):
     white = dict.fromkeys(Sensor, 0.01)
     others = np.random.default_rng(1).uniform(size=(20, len(NAMES)))
@@ -68,7 +89,8 @@ def test_set_points_of_smoothed_angles_err_whatever_the_speed_is(drive):
     assert not knots(drive)
     uncertain = dataclasses.replace(drive, turn_std=1e-3)
     own = knots(uncertain)
-    assert {n.std for n in own} == {1e-3}
+    std = 1e-3 / curvature_per_angle(VEHICLE)  # of the motor's angle
+    assert [n.std for n in own] == pytest.approx([std] * len(own))
     assert len(own) == pytest.approx(drive.commands.duration / 0.25, abs=2)
     position = drive.signals[Sensor.POSITION]  # and at rest, before the start
     earlier = dataclasses.replace(position, time=position.time - 1.0)

@@ -28,6 +28,22 @@ LOOP_STEP = 0.01  # m/s, by which its answer is found
 ANSWERED = 60  # ticks after which it has answered
 SMOOTHED = 1e-3  # weight of the changes from tick to tick of what it is given
 FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
+SLIGHT = 1e-3  # rad, by which the steering motor turns to either side of straight ahead
+
+
+def curvature_per_angle(vehicle: Vehicle) -> float:
+    """Return by how much the way bends for an angle of the steering motor [1/(m rad)].
+
+    Near straight ahead, to the same side as the motor or (negative) to the other one.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Vehicle that has the linkage.
+    """
+    constants, road_angle = steering_constants(vehicle, TICK), functions_for(vehicle).road_angle
+    turned: float = road_angle(SLIGHT, constants) - road_angle(-SLIGHT, constants)
+    return turned / (2.0 * SLIGHT * vehicle.wheelbase)
 
 
 def servo_response(setpoints: FloatArray, vehicle: Vehicle) -> FloatArray:

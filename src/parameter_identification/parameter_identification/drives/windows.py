@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from parameter_identification.drives.agreement import check_agreement
 from parameter_identification.drives.following import (
+    curvature_per_angle,
     servo_response,
     speed_followed,
     steering_setpoints,
@@ -296,13 +297,11 @@ def setpoints_of(
         )
     angles = smooth(time, steering.angle(measured)[:, np.newaxis])
     angle = angles.spline(np.clip(motion.time, time[0], time[-1]))[:, 0]
-    road_angle = functions_for(vehicle).road_angle
-    turned = road_angle(angles.value_std, steering_constants(vehicle, TICK))
     wanted = steering_setpoints(angle, vehicle)
     # the set-point that leads to an angle near the stop may lie beyond it
     within = np.abs(angle) <= STEERING_END_STOP
     wanted[within] = np.clip(wanted[within], -STEERING_END_STOP, STEERING_END_STOP)
-    return wanted, abs(turned) / vehicle.wheelbase
+    return wanted, angles.value_std * abs(curvature_per_angle(vehicle))
 
 
 def read_windows(

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parameter_identification.drives.following import (
+    curvature_per_angle,
     has_gains,
     setpoints_for_speed,
     setpoints_for_steering,
@@ -73,6 +74,8 @@ SPEED_DELAY, SPEED_ZERO = (f"{what} of the measured speed" for what in ("delay",
 SPEED_ERROR, TURN_ERROR = "error of the followed speed", "error of the followed steering"
 _SPACING = {SPEED_DEVIATION: 1.0, TURN_DEVIATION: 1.0, SPEED_ERROR: 0.25, TURN_ERROR: 0.25}
 """Time between the values of a deviation or an error, linear between them [s]."""
+BEFORE = {SPEED_ERROR: 0.0, TURN_ERROR: 0.5}
+"""Time before the first sample from which an error acts [s]: the body turns as it was steered."""
 _STEPS = {
     START_SPEED: SPEED_STEP,
     STEERING_DELAY: 1e-3,
@@ -356,6 +359,9 @@ class MotionModel:
             faster = added if faster is None else faster + added
         if (steering := self._followed.get(Input.STEERING)) is not None:
             steered = steering.added(of[STEERING_DELAY], of[STEERING_ZERO], of[STEERING_GAIN])
+        if len(self.knots_of(TURN_ERROR)):
+            added = _between(self._at_knots(TURN_ERROR, values), len(self.time))
+            steered = added if steered is None else steered + added
         names = ["x", "y", "yaw", "yaw_rate", "drive_speed"]
         own_speed = () if self.drive.speed is None else ("vx",)
         run = batch.run(
@@ -388,14 +394,13 @@ class MotionModel:
 
         There may be more values than motions: the others are of the first motion.
         """
-        errors, deviations = (SPEED_ERROR, TURN_ERROR), (SPEED_DEVIATION, TURN_DEVIATION)
-        if any(len(self.knots_of(name)) for name in errors):
-            faster, turning = (self._at_knots(name, values) for name in errors)
-            if self.drive.speed is not None:  # m/s, as a share of it
-                at = np.linspace(0, len(self.drive.speed) - 1, faster.shape[1]).astype(int)
-                speed = self.drive.speed[at]
-                faster *= np.where(np.abs(speed) > RESTING, 1.0 / np.where(speed, speed, 1.0), 0.0)
-            motion = self._deviated(motion, faster, turning)
+        deviations = SPEED_DEVIATION, TURN_DEVIATION
+        if len(self.knots_of(SPEED_ERROR)) and self.drive.speed is not None:
+            faster = self._at_knots(SPEED_ERROR, values)  # m/s, as a share of it
+            at = np.linspace(0, len(self.drive.speed) - 1, faster.shape[1]).astype(int)
+            speed = self.drive.speed[at]
+            faster *= np.where(np.abs(speed) > RESTING, 1.0 / np.where(speed, speed, 1.0), 0.0)
+            motion = self._deviated(motion, faster, np.zeros_like(faster))
         if any(len(self.knots_of(name)) for name in deviations):
             motion = self._deviated(motion, *(self._at_knots(name, values) for name in deviations))
         elif len(values) > len(motion.x):
@@ -466,12 +471,13 @@ class MotionModel:
         """Errors of a speed and a steering that are followed, from the first sample on."""
         first = min(float(signal.time[0]) for signal in self.drive.signals.values())
         first = max(first, 0.0)  # a drive of its own may have been measured before its start
+        angle_std = self.drive.turn_std / abs(curvature_per_angle(self._vehicle))
         for name, unit, std in (
             (SPEED_ERROR, "m/s", 0.0 if self.drive.speed is None else self.drive.speed_std),
-            (TURN_ERROR, "1/m", self.drive.turn_std),
+            (TURN_ERROR, "rad", angle_std),
         ):
-            knots = self._knots(_SPACING[name])
-            before = int(first / float(self.time[-1]) * (knots - 1))
+            knots, begin = self._knots(_SPACING[name]), max(first - BEFORE[name], 0.0)
+            before = int(begin / float(self.time[-1]) * (knots - 1))
             for number in range(knots - before if std > 0.0 else 0):
                 yield Nuisance(f"{name} {number}", unit, 0.0, std)
 
@@ -527,8 +533,9 @@ def _follow(
 
 def _way(nuisance: Nuisance) -> _Way:
     """Way to find the motion with a step of a nuisance."""
-    if nuisance.effect is None:
-        return _Way.SIMULATED if nuisance.name in _STEPS else _Way.DISTORTED
+    if nuisance.effect is None:  # the steering moves the body by way of its tyres
+        simulated = nuisance.name in _STEPS or nuisance.name.startswith(TURN_ERROR)
+        return _Way.SIMULATED if simulated else _Way.DISTORTED
     if nuisance.effect.name == DRIVE_DEAD_TIME:
         return _Way.DELAYED
     simulated = nuisance.effect.name in (SERVO_DEAD_TIME, START_DEVIATION)
@@ -554,6 +561,15 @@ def _wheel_columns(drive: MeasuredDrive) -> dict[Sensor, tuple[str, ...]]:
 def _lanes(motions: int, lanes: int) -> NDArray[np.int64]:
     """Index of the motion in each lane; lanes beyond the number of motions repeat the first."""
     return np.where(np.arange(lanes) < motions, np.arange(lanes), 0)
+
+
+def _between(knots: FloatArray, ticks: int) -> FloatArray:
+    """Rows (n, ticks) that are linear between evenly spaced knots (n, j)."""
+    place = np.linspace(0.0, knots.shape[1] - 1.0, ticks)
+    before = np.minimum(place.astype(int), knots.shape[1] - 2)
+    weight = place - before
+    rows: FloatArray = (1.0 - weight) * knots[:, before] + weight * knots[:, before + 1]
+    return rows
 
 
 def _at_start(knots: FloatArray, time: FloatArray) -> FloatArray:
