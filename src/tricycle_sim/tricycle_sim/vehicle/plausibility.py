@@ -83,9 +83,8 @@ def _stability(vehicle: Vehicle) -> Iterator[str]:
 
 def _steps(vehicle: Vehicle) -> Iterator[str]:
     """Warn of ranges that hold vehicles whose simulation explodes."""
-    from tricycle_sim.vehicle.stability import (
-        check_step,
-    )  # slow to import; loading a vehicle does not need it
+    # slow to import; loading a vehicle does not need it
+    from tricycle_sim.vehicle.stability import check_step
 
     for name, ends in vehicle.unknown.items():
         for end in ends:
