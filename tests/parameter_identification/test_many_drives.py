@@ -26,7 +26,7 @@ from parameter_identification.drives.measured_from_bag import read_measured_driv
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
-from parameter_identification.estimation.shares import DriveShare, FitSetting
+from parameter_identification.estimation.shares import DriveShare, FitSetting, share_of
 from parameter_identification.identification import identify
 from parameter_identification.many_drives import identify_many, result_of
 from parameter_identification.vehicle_fit import (
@@ -168,6 +168,15 @@ def test_drives_are_named_by_the_bags_that_are_given(bags, tmp_path, monkeypatch
     for both in (given, [bag.relative_to(tmp_path) for bag in given]):
         named = [drive.name for drive in identify_many(both, VEHICLE, folder=work).drives]
         assert named == ["a/renamed", "b/renamed"]
+
+
+def test_a_drive_whose_own_variables_are_not_found_is_named(bags, tmp_path, monkeypatch):
+    def given_up(*arguments):
+        return dataclasses.replace(share_of(*arguments), converged=False)
+
+    monkeypatch.setattr("parameter_identification.vehicle_fit.share_of", given_up)
+    with pytest.raises(IdentificationError, match=r"no minimum found of what .*: drive_0"):
+        identify_many(bags[:1], VEHICLE, folder=tmp_path)
 
 
 @pytest.mark.slow

@@ -610,6 +610,8 @@ class LiveIdentification:
                 fit = problem.minimise(fit.at, tolerance=ROUGH)
             covariance = problem.quadratic(fit.at).covariance()
             drive.keep(problem, fit.at)
+        if not fit.converged:
+            raise IdentificationError("no minimum found: nothing is known from the samples so far")
         std = np.sqrt(np.diag(covariance))[: problem.k] * model.width
         values = model.motion.parameters(fit.at[: problem.k])
         planned: list[float | None] = [None] * problem.k

@@ -300,6 +300,15 @@ def _summed(
     )
 
 
+def _check_converged(fit: VehicleFit, *, whose: str) -> None:
+    """Raise if what a drive has of its own was not found: its share of the cost is a wrong one."""
+    if lost := [share.name for share in fit.quadratic.shares if not share.converged]:
+        raise IdentificationError(
+            f"{whose}no minimum found of what a drive has of its own, as its start pose "
+            f"({len(lost)} of the drives): {lost[0]}: leave out drives that the model cannot follow"
+        )
+
+
 def descend(
     descents: Sequence[Descent], executor: Executor | None, names: Sequence[str] = ()
 ) -> None:
@@ -335,6 +344,7 @@ def descend(
                     )
                 for fit, point in zip(descents[i].fits, points, strict=True):
                     fit.at = point
+                    _check_converged(fit, whose=f"{names[i]}: " if names else "")
                 del lengths[i]
             else:
                 trials[i] = points

@@ -48,11 +48,23 @@ def remarks(found: Identification) -> list[str]:
 
     drives = kind_of_drives(found)
     return [
+        *_on_the_search(found),
         *_on_what_is_shown(found, drives),
         *_on_the_model(found, drives),
         *_on_effects(found),
         *_on_the_fit(found),
         *(_remark_on_held_out(held, found.level) for held in found.held_out),
+    ]
+
+
+def _on_the_search(found: Identification) -> list[str]:
+    """A line where the estimates are no minimum."""
+    if found.converged:
+        return []
+    return [
+        "NO minimum was found: the search was given up where its next step would still have moved "
+        "the estimates by more than their uncertainty. So none of the parameters is shown. Start "
+        "elsewhere (--seed), with fewer effects (--effects), or with other drives"
     ]
 
 
@@ -70,7 +82,7 @@ def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
         for name, e in (*found.parameters.items(), *found.others.items())
         if min(abs(e.estimate - end) for end in e.range) <= 1e-9 * (e.range[1] - e.range[0])
     }
-    if not any(found.identifiable.values()):
+    if found.converged and not any(found.identifiable.values()):
         cure = "the model contradicts them" if ends else "drive longer, or other maneuvers"
         lines.append(f"these {drives} show none of the parameters: {cure}")
     if ends:
@@ -78,7 +90,8 @@ def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
             f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
             "model lacks something"
         )
-    if contradicted := [name for name, e in ends.items() if (e.low, e.high) == e.range]:
+    contradicted = [name for name, e in ends.items() if (e.low, e.high) == e.range]
+    if found.converged and contradicted:
         lines.append(f"the {drives} contradict the range: {', '.join(contradicted)}; so not shown")
     return lines
 
