@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -153,8 +154,23 @@ def measured_in(file: Path) -> frozenset[Sensor | Input]:
         return frozenset(one for one in (*Sensor, Input.STEERING) if one.name in arrays)
 
 
-def beginning_of(file: Path) -> float:
-    """Return when a kept drive began [s since 1970]; NaN: not known.
+class KeptTimes(NamedTuple):
+    """Times of a kept drive.
+
+    Attributes
+    ----------
+    began : float
+        Time at which it began [s since 1970]; NaN: not known.
+    steering_late : float
+        By how much the steering of its commands may be late against the signals [s].
+    """
+
+    began: float
+    steering_late: float
+
+
+def times_of(file: Path) -> KeptTimes:
+    """Return the times of a kept drive.
 
     Parameters
     ----------
@@ -162,19 +178,7 @@ def beginning_of(file: Path) -> float:
         Written by `keep`.
     """
     with _arrays_of(file) as arrays:
-        return float(arrays["began"])
-
-
-def steering_late_of(file: Path) -> float:
-    """Return by how much the steering of a kept drive may be late [s].
-
-    Parameters
-    ----------
-    file : Path
-        Written by `keep`.
-    """
-    with _arrays_of(file) as arrays:
-        return float(arrays["steering_late"])
+        return KeptTimes(float(arrays["began"]), float(arrays["steering_late"]))
 
 
 def is_kept(file: Path) -> bool:
