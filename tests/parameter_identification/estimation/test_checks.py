@@ -151,6 +151,25 @@ def test_a_gyro_that_is_0_straight_on_is_let_through():
     check_signs([with_values(drive, Sensor.YAW_RATE, 0.0)], VEHICLE)
 
 
+@pytest.mark.parametrize(
+    ("turned", "message"),
+    [
+        (lambda values: values, None),
+        (lambda values: values[:, ::-1] * [1.0, -1.0], None),  # turned by 90 degrees
+        (lambda values: values[:, ::-1], "positions are the mirror image of what"),  # north, east
+        (lambda values: values * [1.0, -1.0], "positions are the mirror image of what"),
+        (lambda values: 3.28 * values, r"positions are 3\.3 times what"),
+        (lambda values: 100.0 * values, "positions are 99 times what"),
+    ],
+)
+def test_positions_in_a_frame_or_unit_of_another_kind_are_refused(turned, message):
+    drive = driven(commands_of_pair()["circle"], pose=(3.0, -2.0, 2.5))
+    signal = drive.signals[Sensor.POSITION]
+    signals = {Sensor.POSITION: dataclasses.replace(signal, values=turned(signal.values))}
+    with nullcontext() if message is None else pytest.raises(IdentificationError, match=message):
+        check_signs([dataclasses.replace(drive, signals=signals)], VEHICLE)
+
+
 def test_signs_are_right_backwards_too():
     back = Commands([0.0, 5.0, 10.0, 15.0], [0.5, -0.5, 0.5, 0.5], [-0.7, -0.7, -0.7, -0.2])
     sensors = [(s, SensorNoise(1e-3)) for s in (Sensor.HEADING, Sensor.YAW_RATE)]

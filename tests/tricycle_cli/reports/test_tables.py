@@ -252,6 +252,17 @@ def test_vehicles_whose_drives_contradict_each_other_are_named_the_worst_first()
     assert not any("contradict" in line for line in remarks_on_fleet(fleet_of(vehicle)))
 
 
+def test_what_is_missing_of_a_drive_is_told():
+    whole, torn = driven_pair()
+    signals = {Sensor.POSITION: torn.signals[Sensor.POSITION].between(-1.0, 4.0)}
+    torn = dataclasses.replace(torn, signals=signals, unheard=(Sensor.YAW_RATE,))
+    found = dataclasses.replace(FOUND, noise={Sensor.POSITION: NoiseLevel(0.01)})
+    lines = [*remarks_on_drives(found, [whole], [torn], tables=False, redrawn=False)]
+    assert len(lines) == 2
+    assert re.match(r"lane: samples of position are missing for \d+\.\d of \d+\.\d s$", lines[0])
+    assert lines[1].startswith("lane: yaw rate is not used: ")
+
+
 def test_drives_with_another_vehicle_file_are_told():
     known = {"same": "abc", "other": "def", "unknown": ""}
     vehicle = found_in(*(share(name, vehicle_hash=file) for name, file in known.items()))

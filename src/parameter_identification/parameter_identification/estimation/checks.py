@@ -15,7 +15,7 @@ from parameter_identification.drives.measured import (
     Signal,
     StartPose,
 )
-from parameter_identification.drives.proportion import contradiction
+from parameter_identification.drives.proportion import contradiction, path_contradiction
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.problem import LeastSquares, Loss
@@ -30,6 +30,7 @@ SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned w
 LONG = 5.0  # s, of a drive that is looked at by itself
 LEAST_SLOPE = 0.5  # of what is measured, over what is expected, where a sign is wrong
 UNIT = 5.0  # factor from which it is that of another unit
+UNIT_OF_PATH = 2.5  # likewise, of positions
 LEAST = {
     Sensor.HEADING: (math.inf, 0.05),
     Sensor.YAW_RATE: (0.4, 0.05),
@@ -197,8 +198,8 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     """Raise if a sensor has the wrong sign or unit, judged by the motion that the commands give.
 
     Its axis points the other way, or that of the commands does, or its unit is another one;
-    estimates that follow such a sensor are wrong. Windows of a recording are too short to be looked
-    at one by one.
+    estimates that follow such a sensor are wrong. So it is with positions in a mirrored frame.
+    Windows of a recording are too short to be looked at one by one.
 
     Parameters
     ----------
@@ -215,7 +216,8 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     from scipy.signal import detrend  # takes as long as NumPy
 
     short = [drive for drive in drives if np.ptp(drive.signals[Sensor.POSITION].time) < LONG]
-    for together in (*([drive] for drive in drives if drive not in short), short):
+    long = [drive for drive in drives if drive not in short]
+    for together in (*([drive] for drive in long), short):
         pairs: dict[Sensor, list[FloatArray]] = {}
         for drive in together:
             for sensor, pair in _expected_and_measured(drive, vehicle):
@@ -235,6 +237,30 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
                 _check_alike(pair, LEAST_STEERING[0], what, "to the left, in rad")
                 varying = detrend(pair, type="constant")
                 _check_alike(varying, LEAST_STEERING[1], what, "to the left, in rad")
+    for drive in long:
+        _check_path(drive, vehicle)
+
+
+def _check_path(drive: MeasuredDrive, vehicle: Vehicle) -> None:
+    """Raise if the positions are those of a mirrored frame, or in another unit."""
+    at = drive.start.speed
+    motion = simulate(vehicle, drive.commands, speed=at, setpoint=at, threads=1)
+    signal = drive.signals[Sensor.POSITION].between(0.0, float(motion.time[-1]))
+    if len(signal.time) < MIN_SAMPLES:
+        return
+    expected = (np.interp(signal.time, motion.time, row[0]) for row in (motion.x, motion.y))
+    steering = servo_angle(drive.commands, signal.time, vehicle)
+    if problem := path_contradiction(
+        signal.values,
+        np.column_stack([*expected]),
+        factor=UNIT_OF_PATH,
+        turns=float(np.sqrt(np.mean(steering**2))) > LEAST_STEERING[0],
+    ):
+        raise IdentificationError(
+            f"{drive.name}: the positions {problem} what the commands give: they must be in m, in "
+            "a frame of which y is to the left of x (REP-103), and the commands positive to the "
+            "left; mend what is wrong"
+        )
 
 
 def _check_alike(pair: FloatArray, least: float, what: str, positive: str) -> None:

@@ -391,12 +391,24 @@ def remarks_on_drives(
         Whether the intervals count the error of smoothing the speed.
     """
     from parameter_identification.drives.measured import Sensor
+    from parameter_identification.drives.samples import missing
     from parameter_identification.estimation.redrawn import SCATTERED
     from trajectory_recorder.bag.reader import NOT_WHOLE
 
     for drive in (*used, *held_out):
         if not drive.complete:
             yield f"{drive.name}: its bag is {NOT_WHOLE}; used as far as it goes"
+        duration = drive.commands.duration
+        for sensor in (Sensor.POSITION, Sensor.YAW_RATE, Sensor.LATERAL_ACCELERATION):
+            signal = drive.signals.get(sensor)
+            if signal is not None and (lost := missing(signal.time, 0.0, duration)):
+                what = f"samples of {sensor.value} are missing for {lost:.1f} of {duration:.1f} s"
+                yield f"{drive.name}: {what}"
+        for sensor in drive.unheard:
+            yield (
+                f"{drive.name}: {sensor.value} is not used: its bag has samples, but hardly any "
+                "of the drive: is its clock that of the poses?"
+            )
     hashes = {drive.name: drive.vehicle_hash for drive in (*used, *held_out)}
     yield from _of_another_file(hashes, found.vehicle_hash)
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
