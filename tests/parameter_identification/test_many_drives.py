@@ -408,13 +408,14 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
         vehicle_hash="abc",
         turn_std=1e-3,
         steering_late=0.08,
+        unheard=(Sensor.MOTOR_TORQUE,),
     )
     keep(drive, tmp_path / "drive.npz")
     again = load_kept(tmp_path / "drive.npz")
     told = again.steering_angle
     assert np.array_equal([told.time, told.values], [time, np.sin(time)])
     fields = ("name", "truth", "complete", "began", "measured_throughout", "vehicle_hash")
-    for field in (*fields, "turn_std", "steering_late"):
+    for field in (*fields, "turn_std", "steering_late", "unheard"):
         assert getattr(again, field) == getattr(drive, field), field
     assert measured_in(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():

@@ -260,7 +260,13 @@ def test_what_is_missing_of_a_drive_is_told():
     lines = [*remarks_on_drives(found, [whole], [torn], tables=False, redrawn=False)]
     assert len(lines) == 2
     assert re.match(r"lane: samples of position are missing for \d+\.\d of \d+\.\d s$", lines[0])
-    assert lines[1].startswith("lane: yaw rate is not used: ")
+    assert lines[1].startswith("yaw rate: not used of 1 (lane), whose bags have samples, but ")
+    vehicle = found_in(share("first", unheard=(Sensor.YAW_RATE,)), share("second"))
+    assert any(
+        line.startswith("yaw rate: not used of 1 (first)") for line in remarks_on_many(vehicle)
+    )
+    told = remarks_on_fleet(fleet_of(vehicle))
+    assert any(line.startswith("yaw rate: not used of 1 (red/first)") for line in told)
 
 
 def test_drives_with_another_vehicle_file_are_told():

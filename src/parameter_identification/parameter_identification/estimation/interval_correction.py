@@ -139,7 +139,7 @@ def heterogeneity_factors(
         by_noise = np.linalg.inv(design.T * weights @ design + before)
         fitted = design @ by_noise @ (design.T * weights)
         degrees = d - float(np.trace(fitted))
-        squares = found @ (weights * (found - fitted @ found))
+        squares = max(0.0, found @ (weights * (found - fitted @ found)))  # but for round-off
         if degrees < LEAST_DEGREES or chdtrc(degrees, squares) * k >= AGREEING:
             continue
         of_scatter = (squares - degrees) / float(weights @ (1.0 - np.diag(fitted)))

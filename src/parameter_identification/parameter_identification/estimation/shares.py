@@ -95,6 +95,8 @@ class DriveShare:
         By how much the steering of its commands may be late against the signals [s].
     converged : bool
         Whether `own` is a minimum.
+    unheard : tuple of Sensor
+        As in `MeasuredDrive`.
     """
 
     name: str
@@ -111,6 +113,7 @@ class DriveShare:
     vehicle_hash: str = ""
     steering_late: float = 0.0
     converged: bool = True
+    unheard: tuple[Sensor, ...] = ()
 
 
 def first_fit(
@@ -220,4 +223,5 @@ def share_of(
         vehicle_hash=drive.vehicle_hash,
         steering_late=drive.steering_late,
         converged=fit.converged,
+        unheard=drive.unheard,
     )

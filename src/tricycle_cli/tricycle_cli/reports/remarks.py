@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from tricycle_cli.reports.tables import MOST_MEMBERS
 from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
-    from parameter_identification.drives.measured import MeasuredDrive
+    from parameter_identification.drives.measured import MeasuredDrive, Sensor
     from parameter_identification.estimation.results import (
         HeldOut,
         Identification,
@@ -281,6 +281,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
     lines += _contradictions(found, "drives")
     lines += [f"effect: {effect}" for effect in found.effects]
     lines += _not_whole([drive.name for drive in found.drives if not drive.complete])
+    lines += _not_heard((drive.name, drive.unheard) for drive in found.drives)
     hashes = {drive.name: drive.vehicle_hash for drive in found.drives}
     lines += _of_another_file(hashes, found.vehicle_hash)
     lines += [f"left out: {reason}" for reason in found.left_out]
@@ -297,6 +298,19 @@ def _of_another_file(hashes: Mapping[str, str], here: str) -> list[str]:
         f"driven with another vehicle file ({files}) than this one ({here}): {len(others)} of the "
         f"drives ({_some(list(others))}). What differs between the files is not checked: a wrong "
         "constant bends the estimates"
+    ]
+
+
+def _not_heard(drives: Iterable[tuple[str, Sequence[Sensor]]]) -> list[str]:
+    """A line for each sensor that bags have, but not during their drives."""
+    found: dict[Sensor, list[str]] = {}
+    for drive, unheard in drives:
+        for sensor in unheard:
+            found.setdefault(sensor, []).append(drive)
+    return [
+        f"{sensor.value}: not used of {len(names)} ({_some(names)}), whose bags have samples, but "
+        "hardly any of the drive: is its clock that of the poses?"
+        for sensor, names in found.items()
     ]
 
 
@@ -358,6 +372,11 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
             if not drive.complete
         ]
     )
+    lines += _not_heard(
+        (f"{name}/{drive.name}", drive.unheard)
+        for name, vehicle in fleet.vehicles.items()
+        for drive in vehicle.drives
+    )
     lines += _of_another_file(
         {
             f"{name}/{drive.name}": drive.vehicle_hash
@@ -404,11 +423,7 @@ def remarks_on_drives(
             if signal is not None and (lost := missing(signal.time, 0.0, duration)):
                 what = f"samples of {sensor.value} are missing for {lost:.1f} of {duration:.1f} s"
                 yield f"{drive.name}: {what}"
-        for sensor in drive.unheard:
-            yield (
-                f"{drive.name}: {sensor.value} is not used: its bag has samples, but hardly any "
-                "of the drive: is its clock that of the poses?"
-            )
+    yield from _not_heard((drive.name, drive.unheard) for drive in (*used, *held_out))
     hashes = {drive.name: drive.vehicle_hash for drive in (*used, *held_out)}
     yield from _of_another_file(hashes, found.vehicle_hash)
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
