@@ -50,6 +50,17 @@ def test_the_same_drive_does_not_count_twice(pair):
         check_drives([pair[0], cut], VEHICLE)
 
 
+@pytest.mark.parametrize("rounding", [0.01, 0.02])
+def test_drives_of_one_maneuver_are_not_the_same_because_positions_are_rounded(rounding):
+    ways = [
+        driven(commands_of_pair()["circle"], noise=0.002, seed=i).signals[Sensor.POSITION].values
+        for i in range(3)
+    ]
+    ways = [rounding * np.round(way / rounding) for way in ways]
+    assert same_drives(ways) == {}
+    assert same_drives([*ways, ways[1][20:-20]]) == {3: 1}
+
+
 def test_each_drive_is_compared_with_those_that_count():
     rng = np.random.default_rng(0)
     way = np.vstack([np.zeros(2), rng.normal(size=(40, 2))])

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.following import servo_angle
@@ -19,6 +20,7 @@ from parameter_identification.drives.proportion import contradiction, path_contr
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
@@ -44,6 +46,7 @@ Far above what a bias adds; the second without it.
 LEAST_STEERING = 0.1, 0.01  # rad, likewise
 FORWARD = {Sensor.WHEEL_SPEED: "forward"}
 """Positive direction of a sensor; that of the others is to the left."""
+RUN = 8  # positions that drives have in common where they are rounded
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
 
 
@@ -83,7 +86,8 @@ def check_drives(
 def same_drives(positions: Sequence[FloatArray]) -> dict[int, int]:
     """Return which drives repeat an earlier one: most positions of the shorter are the other's too.
 
-    Counted twice, a drive would make estimates look more certain than they are.
+    Counted twice, a drive would make estimates look more certain than they are. Where positions are
+    rounded, different drives of one maneuver have many in common: there, runs of them are compared.
 
     Parameters
     ----------
@@ -98,7 +102,8 @@ def same_drives(positions: Sequence[FloatArray]) -> dict[int, int]:
     n = len(positions)
     if n < 2:
         return {}
-    points = [np.unique(one @ [1.0, 1.0j]) for one in positions]
+    rounded = any(resolution(column) > 0.0 for one in positions for column in one.T)
+    points = [np.unique(_keys(one, RUN if rounded else 1)) for one in positions]
     sizes = np.array([len(one) for one in points])
     every, owner = np.concatenate(points), np.repeat(np.arange(n), sizes)
     order = np.argsort(every, kind="stable")
@@ -119,6 +124,24 @@ def same_drives(positions: Sequence[FloatArray]) -> dict[int, int]:
         if later not in found and earlier not in found:
             found[later] = earlier
     return found
+
+
+def _keys(positions: FloatArray, run: int) -> NDArray[np.uint64]:
+    """A number for each run of so many positions (m, 2) that differ from one to the next."""
+    x, y = np.ascontiguousarray(positions.T + 0.0).view(np.uint64)  # no -0
+    keys = _scattered(_scattered(x) + y)
+    keys = np.append(keys[:1], keys[1:][keys[1:] != keys[:-1]])
+    runs = keys[: max(len(keys) - run + 1, 0)]
+    for later in range(1, run):
+        runs = _scattered(runs) + keys[later : len(runs) + later]
+    return runs
+
+
+def _scattered(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Different numbers for different ones; each of their bits depends on all (SplitMix64)."""
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        numbers = (numbers ^ (numbers >> np.uint64(shift))) * np.uint64(factor)
+    return numbers ^ (numbers >> np.uint64(31))
 
 
 def check_motion(drive: MeasuredDrive) -> None:
