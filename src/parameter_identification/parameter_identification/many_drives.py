@@ -327,6 +327,7 @@ def result_of(
         scatter=float(scatter.ratio[:k].max()),
         wrong=scatter.missed
         or not few_coloured(sum(not share.white for share in drives), len(drives)),
+        converged=fit.converged,
     )
     covariance = correction.covariance
     std = np.sqrt(np.diag(covariance))
@@ -359,5 +360,6 @@ def result_of(
         level=level,
         effects=tuple(effects),
         measured=setting.measured,
+        converged=fit.converged,
         seed=seed,
     )

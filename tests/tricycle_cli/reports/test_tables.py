@@ -261,12 +261,15 @@ def test_what_is_missing_of_a_drive_is_told():
     assert len(lines) == 2
     assert re.match(r"lane: samples of position are missing for \d+\.\d of \d+\.\d s$", lines[0])
     assert lines[1].startswith("yaw rate: not used of 1 (lane), whose bags have samples, but ")
-    vehicle = found_in(share("first", unheard=(Sensor.YAW_RATE,)), share("second"))
+    vehicle = found_in(share("first", unheard=(Sensor.YAW_RATE,), converged=False), share("second"))
     assert any(
         line.startswith("yaw rate: not used of 1 (first)") for line in remarks_on_many(vehicle)
     )
     told = remarks_on_fleet(fleet_of(vehicle))
     assert any(line.startswith("yaw rate: not used of 1 (red/first)") for line in told)
+    for name, lines in (("first", remarks_on_many(vehicle)), ("red/first", told)):
+        (line,) = (line for line in lines if line.startswith("NO minimum"))
+        assert f"1 of the drives have of their own, as their start poses ({name})" in line
 
 
 def test_drives_with_another_vehicle_file_are_told():

@@ -282,6 +282,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
     lines += [f"effect: {effect}" for effect in found.effects]
     lines += _not_whole([drive.name for drive in found.drives if not drive.complete])
     lines += _not_heard((drive.name, drive.unheard) for drive in found.drives)
+    lines += _without_minimum([drive.name for drive in found.drives if not drive.converged])
     hashes = {drive.name: drive.vehicle_hash for drive in found.drives}
     lines += _of_another_file(hashes, found.vehicle_hash)
     lines += [f"left out: {reason}" for reason in found.left_out]
@@ -311,6 +312,16 @@ def _not_heard(drives: Iterable[tuple[str, Sequence[Sensor]]]) -> list[str]:
         f"{sensor.value}: not used of {len(names)} ({_some(names)}), whose bags have samples, but "
         "hardly any of the drive: is its clock that of the poses?"
         for sensor, names in found.items()
+    ]
+
+
+def _without_minimum(drives: Sequence[str]) -> list[str]:
+    if not drives:
+        return []
+    return [
+        f"NO minimum was found of what {len(drives)} of the drives have of their own, as their "
+        f"start poses ({_some(drives)}): leave them out. Of a vehicle of which these are more than "
+        "a tenth of the drives, no parameter is shown"
     ]
 
 
@@ -370,6 +381,14 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
             for name, vehicle in fleet.vehicles.items()
             for drive in vehicle.drives
             if not drive.complete
+        ]
+    )
+    lines += _without_minimum(
+        [
+            f"{name}/{drive.name}"
+            for name, vehicle in fleet.vehicles.items()
+            for drive in vehicle.drives
+            if not drive.converged
         ]
     )
     lines += _not_heard(
