@@ -5,7 +5,8 @@ duration evenly, both ends included. This module is the only place of Eq. 14.
 
 Simulated trajectories are known every 10 ms, with their velocities: cubic Hermite interpolation
 brings them to the 10 000 points. It is linear in the data, so the *deviation* from the nominal
-trajectory is interpolated instead of either trajectory.
+trajectory is interpolated instead of either trajectory. The sum over the points of an interval is
+a quadratic form of what is known at its ends, the same for all samples.
 
 Letters: ``n`` samples, ``t`` grid times, ``j`` points of Eq. 14.
 """
@@ -15,7 +16,6 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tricycle_core.quantities import FloatArray
 
@@ -71,8 +71,7 @@ class NominalTrajectory:
     vx: FloatArray
     vy: FloatArray
     points: int = POINTS
-    _interval: NDArray[np.int64] = field(init=False, repr=False)
-    _weight: FloatArray = field(init=False, repr=False)
+    _forms: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         shape = np.shape(self.time)
@@ -81,10 +80,7 @@ class NominalTrajectory:
         for name in ("x", "y", "vx", "vy"):
             if np.shape(getattr(self, name)) != shape:
                 raise ValueError(f"{name} must have the shape of time, {shape}")
-        at = np.linspace(self.time[0], self.time[-1], self.points)
-        interval, weight = _weights(self.time, at)
-        object.__setattr__(self, "_interval", interval)
-        object.__setattr__(self, "_weight", weight)
+        object.__setattr__(self, "_forms", _forms_of(self.time, self.points))
 
     def error(self, x: FloatArray, y: FloatArray, vx: FloatArray, vy: FloatArray) -> FloatArray:
         """Return the trajectory error (Eq. 14) of each sample of a block.
@@ -106,24 +102,32 @@ class NominalTrajectory:
             (x, vx, self.x, self.vx),
             (y, vy, self.y, self.vy),
         ):
-            _compiled()(values, rates, nominal, nominal_rate, self._interval, self._weight, result)
+            _compiled()(values, rates, nominal, nominal_rate, self._forms, result)
         return result
 
 
-def _weights(time: FloatArray, at: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """Interval (j,) of each point and the weights (4, j) of value, next value, rate, next rate."""
+def _forms_of(time: FloatArray, points: int) -> FloatArray:
+    """Return the quadratic forms (10, t - 1) of the intervals; their sum is the mean square.
+
+    Each is of the deviation at the interval's ends (a, b) and of its rate there (c, d): the
+    coefficients of aa, ab, ac, ad, bb, bc, bd, cc, cd and dd.
+    """
+    at = np.linspace(time[0], time[-1], points)
     interval = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
     step = time[interval + 1] - time[interval]
     s = (at - time[interval]) / step
-    weight = np.stack(
-        [
-            (1 + 2 * s) * (1 - s) ** 2,
-            s**2 * (3 - 2 * s),
-            step * s * (1 - s) ** 2,
-            step * s**2 * (s - 1),
-        ]
+    weights = (
+        (1 + 2 * s) * (1 - s) ** 2,
+        s**2 * (3 - 2 * s),
+        step * s * (1 - s) ** 2,
+        step * s**2 * (s - 1),
     )
-    return interval, weight
+    forms = [
+        np.bincount(interval, (1 if i == j else 2) * weights[i] * weights[j], len(time) - 1)
+        for i in range(4)
+        for j in range(i, 4)
+    ]
+    return np.stack(forms) / points
 
 
 @cache
@@ -136,24 +140,21 @@ def _compiled() -> Callable[..., None]:
 
 
 def _add_mean_square(  # type: ignore[no-untyped-def]  # pragma: no cover
-    values, rates, nominal, nominal_rate, interval, weight, result
+    values, rates, nominal, nominal_rate, forms, result
 ):
     """Add the mean square of one axis' interpolated deviation to result (n,)."""
-    t = nominal.shape[0]
-    points = interval.shape[0]
-    w0, w1, w2, w3 = weight[0], weight[1], weight[2], weight[3]
-    deviation = np.empty(t)
-    rate = np.empty(t)
+    aa, ab, ac, ad = forms[0], forms[1], forms[2], forms[3]
+    bb, bc, bd, cc, cd, dd = forms[4], forms[5], forms[6], forms[7], forms[8], forms[9]
     for sample in range(values.shape[0]):
-        for k in range(t):
-            deviation[k] = values[sample, k] - nominal[k]
-            rate[k] = rates[sample, k] - nominal_rate[k]
+        value, rate = values[sample], rates[sample]
         total = 0.0
-        for j in range(points):
-            i = interval[j]
-            d = (
-                w0[j] * deviation[i] + w1[j] * deviation[i + 1]
-                + w2[j] * rate[i] + w3[j] * rate[i + 1]
-            )  # fmt: skip
-            total += d * d
-        result[sample] += total / points
+        for i in range(forms.shape[1]):
+            a, b = value[i] - nominal[i], value[i + 1] - nominal[i + 1]
+            c, d = rate[i] - nominal_rate[i], rate[i + 1] - nominal_rate[i + 1]
+            total += (
+                a * (aa[i] * a + ab[i] * b + ac[i] * c + ad[i] * d)
+                + b * (bb[i] * b + bc[i] * c + bd[i] * d)
+                + c * (cc[i] * c + cd[i] * d)
+                + dd[i] * d * d
+            )
+        result[sample] += total

@@ -102,6 +102,8 @@ class Bridge:
         Source of sessions and nonces.
     boot_wait : float
         Silence after opening a port [s].
+    simulated : bool
+        Whether the host's time is simulated.
 
     Attributes
     ----------
@@ -123,10 +125,21 @@ class Bridge:
     """
 
     def __init__(
-        self, settings: BridgeSettings, *, rng: random.Random, boot_wait: float = 0.0
+        self,
+        settings: BridgeSettings,
+        *,
+        rng: random.Random,
+        boot_wait: float = 0.0,
+        simulated: bool = False,
     ) -> None:
         self.links = {
-            board: PlcLink(board, rng=rng, boot_wait=boot_wait, setup=board_setup(board, settings))
+            board: PlcLink(
+                board,
+                rng=rng,
+                boot_wait=boot_wait,
+                setup=board_setup(board, settings),
+                simulated=simulated,
+            )
             for board in BOARDS
         }
         self.settings = settings

@@ -264,7 +264,12 @@ class BridgeNode(LifecycleNode):
             for name in ("steer_port", "drive_port", "baud", "boot_wait")
         )
         self._configured, self._geometry = self._settings({}), self._turning_geometry()
-        self._bridge = Bridge(self._configured, rng=random.SystemRandom(), boot_wait=boot_wait)
+        self._bridge = Bridge(
+            self._configured,
+            rng=random.SystemRandom(),
+            boot_wait=boot_wait,
+            simulated=self._simulated,
+        )
         if path := self.get_parameter("bring_up_record").value:
             record = read_record(Path(path))
             age = timedelta(days=self.get_parameter("bring_up_age").value)

@@ -66,3 +66,17 @@ def test_a_stamp_is_never_in_the_future():
     clock = PlcClock()
     clock.add_ping(10.0, 0, 0, 10.0)
     assert clock.to_host(500_000, received=10.2) == 10.2
+
+
+@given(st.lists(st.booleans(), min_size=40, max_size=40), st.lists(st.booleans(), max_size=15))
+def test_in_simulated_time_stamps_do_not_depend_on_when_replies_are_read(behind_a_tick, late):
+    clock = PlcClock(simulated=True)
+    for number, behind in enumerate(behind_a_tick):
+        t0 = 0.5 * number
+        # a busy host's ping is read a tick later; of 16 in a row one is not
+        arrived = t0 + 0.002 + (0.01 if number < len(late) and late[number] else 0.0)
+        at = _reading(arrived, start=7)
+        clock.add_ping(t0, at, at + 300, t0 + (0.01 if behind else 0.0))
+    t = 0.5 * len(behind_a_tick)
+    stamp = clock.to_host(_reading(t, start=7), received=t + 0.01)
+    assert stamp == pytest.approx(t - 0.002, abs=1e-5)

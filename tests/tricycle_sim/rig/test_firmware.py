@@ -13,6 +13,7 @@ from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.firmware import FirmwareRig
+from tricycle_sim.rig.host import Host
 from tricycle_sim.vehicle import load_vehicle
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
@@ -139,6 +140,27 @@ def test_the_host_has_answered_when_both_boards_were_sent_a_command(rig):
     assert rig.answered
     rig.step()
     assert not rig.answered
+
+
+def test_readings_are_stamped_with_the_time_of_what_the_boards_were_shown(rig):
+    host = Host(rig)
+    host.arm()
+    shown, read = [], []
+    for tick in range(400):
+        angle = 0.3 * np.sin(0.05 * tick)
+        host.target = VehicleCommand(angle, 0.0)
+        shown.append((host.now, rig.state.steering_motor_angle))
+        host.tick()
+        for stamp, (steering, _) in host.readings:
+            read.append((stamp, steering.position))
+    times, angles = np.array(shown).T
+    stamps, positions = np.array(read).T
+
+    def deviation(late):
+        return np.std(positions - np.interp(stamps - late, times, angles))
+
+    late = np.arange(-10.0, 10.0, 0.25) * 1e-3
+    assert abs(late[np.argmin([deviation(each) for each in late])]) < 1e-3
 
 
 @pytest.mark.slow

@@ -193,6 +193,8 @@ class PlcLink:
     setup : SteerSetup or DriveSetup, optional
         Message that sets up the PLC for the vehicle in each session; without it the PLC cannot be
         armed.
+    simulated : bool
+        Whether the host's time is simulated.
 
     Attributes
     ----------
@@ -229,8 +231,10 @@ class PlcLink:
         rng: random.Random,
         boot_wait: float = 0.0,
         setup: BoardSetup | None = None,
+        simulated: bool = False,
     ) -> None:
         self.board = board
+        self._simulated = simulated
         self.setup = setup
         self.set_up = False
         self.setup_out_of_range = False
@@ -239,7 +243,7 @@ class PlcLink:
         self.decoder = FrameDecoder(board, host=True)
         self.state = LinkState.CLOSED
         self.problem: str | None = None
-        self.clock = PlcClock()
+        self.clock = PlcClock(simulated=self._simulated)
         self.identity: HelloAck | None = None
         self.answered_by: Board | None = None
         self.telemetry: Telemetry | None = None
@@ -415,7 +419,7 @@ class PlcLink:
         self.set_up = self.setup_out_of_range = False
         self._operations.clear()
         self._pings.clear()
-        self.clock = PlcClock()
+        self.clock = PlcClock(simulated=self._simulated)
         self._last_rx_seq = None
 
     def _start_handshake(self, at: float) -> None:

@@ -38,17 +38,27 @@ class PlcClock:
     approached at 1 % at most, and by half of a tick at each of the first 16 pings, whose replies
     may wait for a busy host: so stamps stay monotonic.
 
+    Simulated time stands still between the simulation's ticks, and a reply may come before or after
+    the next one: there the offset is that of the PING that reached the board soonest, by the time
+    of its sending alone.
+
+    Parameters
+    ----------
+    simulated : bool
+        Whether the host's time is simulated.
+
     Attributes
     ----------
     round_trip : float or None
         Round trip of the newest ping without the PLC's part [s]; None before the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, simulated: bool = False) -> None:
         self.round_trip: float | None = None
+        self._simulated = simulated
         self._last_us: int | None = None
         self._unwrapped_us = 0
-        # (round trip, host time, offset)
+        # (round trip, or in simulated time the offset; host time; offset)
         self._samples: deque[tuple[float, float, float]] = deque(maxlen=_SAMPLES)
         self._offset: float | None = None  # s, PLC minus host
         self._updated = 0.0
@@ -84,7 +94,10 @@ class PlcClock:
         settled = self.settled
         rx, tx = self.unwrap(t_rx), self.unwrap(t_tx)
         self.round_trip = (t3 - t0) - (tx - rx)
-        self._samples.append((self.round_trip, t3, (rx + tx) / 2 - (t0 + t3) / 2))
+        if self._simulated:
+            self._samples.append((rx - t0, t3, rx - t0))
+        else:
+            self._samples.append((self.round_trip, t3, (rx + tx) / 2 - (t0 + t3) / 2))
         *_, target = min(self._samples, key=lambda ping: ping[0] + _SLEW * (t3 - ping[1]))
         if self._offset is None or abs(target - self._offset) > _STEP:
             self._offset = target

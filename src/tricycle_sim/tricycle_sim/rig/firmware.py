@@ -34,10 +34,12 @@ from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 
 _TICK_US = round(TICK * 1e6)
-# The boards were switched on so long before the vehicle's first tick: they have booted, and tick in
-# the middle of its ticks. A command that is sent at a tick then acts in it, as the emulation's do,
-# though it takes 1.7 ms on the line, and the state frame is sent in it too.
-_LEAD_US = 3 * _TICK_US // 2
+# The boards tick so long after the vehicle. A command that is sent at a tick then acts in it, as
+# the emulation's do, though it takes 1.7 ms on the line, and the state frame is sent in it too. A
+# ping takes 2.5 ms there, which the bridge's stamps leave out: later ticks would be stamped late.
+_BEHIND_US = 3000
+# They were switched on so long before the vehicle's first tick, and have booted.
+_LEAD_US = 2 * _TICK_US - _BEHIND_US
 
 
 class _FirmwareBoard:
@@ -172,7 +174,7 @@ class FirmwareRig(Rig):
         """
         radius = self._vehicle.driven_radius
         speed = state.drive_speed * radius
-        wanted = state.drive_angle * radius - speed * TICK / 2
+        wanted = state.drive_angle * radius - speed * _BEHIND_US * 1e-6
         speed += (wanted - self._hall_travel) / TICK
         self._hall_travel += speed * TICK
         return speed

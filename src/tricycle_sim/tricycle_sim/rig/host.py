@@ -46,7 +46,7 @@ class Host:
     def __init__(self, rig: Rig, settings: BridgeSettings | None = None) -> None:
         self.rig = rig
         rng = random.Random(0)  # noqa: S311 - sessions and nonces, the same in every run
-        self.bridge = Bridge(settings or BridgeSettings(), rng=rng)
+        self.bridge = Bridge(settings or BridgeSettings(), rng=rng, simulated=True)
         self.bridge.active = True
         self.target: VehicleCommand | None = VehicleCommand(0.0, 0.0)
         self.odometry = self.imu = True
