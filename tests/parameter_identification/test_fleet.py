@@ -14,6 +14,7 @@ from simulated_drives import TRUTH, VEHICLE, driven, planned
 from excitation_planner.maneuver import Circle
 from parameter_identification import fleet
 from parameter_identification.drives.imported import recording_of, write_bag
+from parameter_identification.drives.kept import KeptTimes
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
@@ -186,7 +187,7 @@ def test_a_drive_whose_time_is_not_known_is_named_by_its_bag(monkeypatch):
     files = {name: [Path(f"{name}.npz"), Path(f"{name}_late.npz")] for name in "abcd"}
     bags = {Path("bags", file.stem): file for drives in files.values() for file in drives}
     times = {file: DAY * i for i, file in enumerate(bags.values())} | {files["c"][1]: math.nan}
-    monkeypatch.setattr(fleet, "beginning_of", times.get)
+    monkeypatch.setattr(fleet, "times_of", lambda file: KeptTimes(times[file], 0.0))
     with pytest.raises(IdentificationError, match=r"^yaw_inertia: the time .* of bags/c_late$"):
         fleet._times(files, bags, ["yaw_inertia"])
     assert math.isnan(fleet._times(files, bags, [])[0])

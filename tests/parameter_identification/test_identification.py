@@ -21,6 +21,7 @@ from simulated_drives import (
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from parameter_identification.drives.measured import Sensor, Signal, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
+from parameter_identification.estimation import levenberg_marquardt
 from parameter_identification.identification import identify
 from parameter_identification.identification_file import document_of
 from tricycle_core.errors import ExcitationError, IdentificationError
@@ -71,6 +72,19 @@ def test_intervals_hold_the_truth_and_agree_with_the_linear_ones(pair):
         assert e.low <= e.estimate <= e.high
         width = e.high - e.low
         assert width == pytest.approx(e.linear[1] - e.linear[0], rel=0.25)
+
+
+@pytest.mark.parametrize("weighed", [False, True])
+def test_of_a_search_that_is_given_up_nothing_is_shown(pair, monkeypatch, weighed):
+    monkeypatch.setattr(levenberg_marquardt, "MAX_STEPS", 0)
+    effects = ["wheel-radius"] if weighed else []
+    found = identify(pair, VEHICLE, effects=effects, weighed=weighed, profiles=True)
+    assert not found.converged
+    assert not any(found.identifiable.values())
+    for name, e in found.parameters.items():
+        assert (e.low, e.high) == VEHICLE.unknown[name]
+        assert e.profile is None
+    assert document_of(found).to_json()["converged"] is False
 
 
 @pytest.mark.slow

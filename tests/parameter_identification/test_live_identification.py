@@ -14,9 +14,11 @@ from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.planning.prediction import predicted_progress
 from parameter_identification.drives.measured import Sensor, Signal
 from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.estimation import levenberg_marquardt
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.identification import identify
 from parameter_identification.live_identification import LiveIdentification, Planned
+from tricycle_core.errors import IdentificationError
 from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 
@@ -314,6 +316,16 @@ def test_a_snapshot_is_fitted_while_further_samples_come():
     before = taken.update()
     assert before.elapsed < 4.1
     assert live.update().elapsed == pytest.approx(6.0, abs=0.1)
+
+
+def test_where_no_minimum_is_found_nothing_is_told_and_the_next_update_goes_on(monkeypatch):
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    live = fed_positions(drive, positions_of(drive, 6.0))
+    with monkeypatch.context() as given_up:
+        given_up.setattr(levenberg_marquardt, "MAX_STEPS", 0)
+        with pytest.raises(IdentificationError, match="no minimum found"):
+            live.update()
+    assert live.update() is not None
 
 
 def test_missing_samples_are_a_reason():

@@ -18,7 +18,7 @@ import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
-from parameter_identification import many_drives
+from parameter_identification import many_drives, vehicle_fit
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.kept import keep, load_kept, measured_in
 from parameter_identification.drives.measured import Input, Sensor
@@ -26,7 +26,7 @@ from parameter_identification.drives.measured_from_bag import read_measured_driv
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
-from parameter_identification.estimation.shares import DriveShare, FitSetting
+from parameter_identification.estimation.shares import DriveShare, FitSetting, share_of
 from parameter_identification.identification import identify
 from parameter_identification.many_drives import identify_many, result_of
 from parameter_identification.vehicle_fit import (
@@ -168,6 +168,22 @@ def test_drives_are_named_by_the_bags_that_are_given(bags, tmp_path, monkeypatch
     for both in (given, [bag.relative_to(tmp_path) for bag in given]):
         named = [drive.name for drive in identify_many(both, VEHICLE, folder=work).drives]
         assert named == ["a/renamed", "b/renamed"]
+
+
+@pytest.mark.parametrize(("limit", "shown"), [(vehicle_fit.LOST, False), (0.6, True)])
+def test_of_drives_whose_own_variables_are_not_found_nothing_is_shown(
+    bags, tmp_path, monkeypatch, limit, shown
+):
+    def given_up(setting, drive, *arguments):
+        share = share_of(setting, drive, *arguments)
+        return dataclasses.replace(share, converged=drive.name != "drive_0")
+
+    monkeypatch.setattr(vehicle_fit, "LOST", limit)
+    monkeypatch.setattr("parameter_identification.vehicle_fit.share_of", given_up)
+    found = identify_many(bags[:2], VEHICLE, folder=tmp_path)
+    assert [drive.name for drive in found.drives if not drive.converged] == ["drive_0"]
+    assert found.converged == shown
+    assert any(e.identifiable for e in found.parameters.values()) == shown
 
 
 @pytest.mark.slow
@@ -399,13 +415,14 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
         vehicle_hash="abc",
         turn_std=1e-3,
         steering_late=0.08,
+        unheard=(Sensor.MOTOR_TORQUE,),
     )
     keep(drive, tmp_path / "drive.npz")
     again = load_kept(tmp_path / "drive.npz")
     told = again.steering_angle
     assert np.array_equal([told.time, told.values], [time, np.sin(time)])
     fields = ("name", "truth", "complete", "began", "measured_throughout", "vehicle_hash")
-    for field in (*fields, "turn_std", "steering_late"):
+    for field in (*fields, "turn_std", "steering_late", "unheard"):
         assert getattr(again, field) == getattr(drive, field), field
     assert measured_in(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():

@@ -102,6 +102,17 @@ def test_seek_goes_forward_and_back_and_tells_the_latched_topics_again(bag: BagR
     assert ticks[-1] // MS == 305
 
 
+def test_of_earlier_latched_messages_the_newest_are_played(tmp_path: Path) -> None:
+    one = (OfferedQos(durability="transient_local", depth=1),)
+    with BagWriter(tmp_path / "plans") as writer:
+        plan = writer.add_topic(Topic.of_type("/plan", "std_msgs/msg/String", qos=one))
+        for stamp in range(5):
+            writer.write(plan, stamp * MS, b"")
+    with BagReader(tmp_path / "plans") as plans:
+        played, _ = play(Player(plans, plans.topics, start=0.003, rate=0))
+    assert [message.stamp // MS for _, message in played] == [2, 3, 4]
+
+
 def test_loop_begins_again(bag: BagReader) -> None:
     played: list[int] = []
     player = Player(bag, bag.topics, rate=0, loop=True)

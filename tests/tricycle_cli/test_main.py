@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from trajectory_recorder.bag.reader import BagReader
 from tricycle_cli.main import COMMANDS, main, parser
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
@@ -210,6 +211,19 @@ def test_files_are_written_though_nobody_reads_what_is_printed(record_drive, tmp
     assert done.returncode == 141
     assert "Error" not in done.stderr
     assert list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams_lead_nowhere(record_drive, tmp_path, closed):
+    record_drive(tmp_path / "bag")
+    code = "import sys; from tricycle_cli.main import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "bag", "convert", "bag", "--output", "copy"]
+    line = f"{shlex.join(words)} {closed}"
+    done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert b"Error" not in done.stderr
+    with BagReader(tmp_path / "copy") as copy, BagReader(tmp_path / "bag") as bag:
+        assert [*copy.messages_by_stamp()] == [*bag.messages_by_stamp()]
 
 
 @pytest.mark.parametrize("buffered", [True, False])

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.design.prior import BoxPrior
-from parameter_identification.drives.kept import beginning_of
+from parameter_identification.drives.kept import times_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.intervals import check_level
@@ -300,7 +300,7 @@ def _times(
     files: Mapping[str, Sequence[Path]], known: Mapping[Path, Path], changing: Sequence[str]
 ) -> tuple[float, float]:
     """Middle of the drives' times [s], and how far the farthest is from it, the unit of rates."""
-    times = {name: [beginning_of(file) for file in drives] for name, drives in files.items()}
+    times = {name: [times_of(file).began for file in drives] for name, drives in files.items()}
     every = np.concatenate(list(times.values()))
     when = float(np.mean(every))
     if changing and math.isnan(when):

@@ -294,7 +294,7 @@ class FleetPosterior:
         for i in range(len(self.fits)):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
             narrowed = identifiable(whole[0, 0] ** -0.5)
-            shown.append(bool(narrowed and not self.pulled(i)))
+            shown.append(bool(narrowed and not self.pulled(i) and self.fits[i].converged))
             if not shown[-1]:  # without the prior nothing may be left
                 continue
             with_prior = np.linalg.inv(self.own_covariance[i][np.ix_(places, places)])

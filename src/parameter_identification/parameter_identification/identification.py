@@ -275,6 +275,7 @@ def identify(
             missed=math.sqrt(missed),
             measured=measured,
             friction_used=max(m.motion.friction_used(optimum.fit.at[:k]) for m in problem.models),
+            converged=optimum.fit.converged,
         ).only(asked.unknown)
 
 

@@ -197,6 +197,8 @@ class IdentificationDocument:
         Inputs that moved as measured: "steering", "speed".
     friction_used : float or None
         Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
+    converged : bool
+        As in `Identification`.
     others : mapping of str to ParameterEntry
         Parameters that were not asked for, but estimated.
     left_out : tuple of str
@@ -227,6 +229,7 @@ class IdentificationDocument:
     missed: float = 0.0
     measured: tuple[str, ...] = ()
     friction_used: float | None = None
+    converged: bool = True
     others: Mapping[str, ParameterEntry] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
 
@@ -277,6 +280,7 @@ def document_of(found: Identification | ManyDrives) -> IdentificationDocument:
         effects=found.effects,
         scatter=finite_or_none(found.scatter),
         measured=_names(found.measured),
+        converged=found.converged,
     )
     if isinstance(found, ManyDrives):
         return replace(document, left_out=found.left_out)

@@ -108,7 +108,10 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
             )
         else:
             why = "not shown by" if name in found.parameters else "not asked of"
-            about = f"{why} {where}, fits best beside the others; before: {about}"
+            how = "fits best beside the others"
+            if not found.converged:
+                how = "where the search was given up: NO minimum was found"
+            about = f"{why} {where}, {how}; before: {about}"
         entry["about"] = about
         vehicle = vehicle.replace(**{name: estimate.estimate})
     header = (

@@ -37,7 +37,7 @@ from parameter_identification.drives.measured import (
     resolved,
 )
 from parameter_identification.drives.recorded import SteeredLeadIn
-from parameter_identification.drives.samples import measures_nothing
+from parameter_identification.drives.samples import measures_nothing, missing
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
 from parameter_identification.estimation.intervals import relative_half_width
@@ -83,9 +83,6 @@ CLIPPED = 0.95
 
 REACHED = 0.5
 """Time in which the steering reaches a commanded angle [s]."""
-
-GAP = 0.5
-"""Time without a sample of a sensor from which some were lost [s]."""
 
 CHORD = 0.5
 """Time between the positions that a way is summed over [s]: shorter ones would add noise."""
@@ -571,9 +568,7 @@ class LiveIdentification:
         """Messages on sensors of which samples of the drive were lost."""
         for sensor, samples in self._samples.items():
             time = np.array([(stamp - drive.start) * 1e-9 for stamp, _ in samples])
-            steps = np.diff(time[(time >= 0.0) & (time <= end)])
-            if steps.size and steps.max() > max(GAP, 10.0 * float(np.median(steps))):
-                lost = float(steps[steps > GAP].sum())
+            if lost := missing(time, 0.0, end):
                 yield f"samples of {sensor.value} are missing for {lost:.1f} of {end:.1f} s"
 
     def _update(self, drive: "_Drive", end: float, *, last: bool) -> Moment | None:
@@ -610,6 +605,8 @@ class LiveIdentification:
                 fit = problem.minimise(fit.at, tolerance=ROUGH)
             covariance = problem.quadratic(fit.at).covariance()
             drive.keep(problem, fit.at)
+        if not fit.converged:
+            raise IdentificationError("no minimum found: nothing is known from the samples so far")
         std = np.sqrt(np.diag(covariance))[: problem.k] * model.width
         values = model.motion.parameters(fit.at[: problem.k])
         planned: list[float | None] = [None] * problem.k

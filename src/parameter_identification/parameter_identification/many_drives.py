@@ -21,12 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.design.prior import BoxPrior
-from parameter_identification.drives.kept import (
-    beginning_of,
-    load_kept,
-    measured_in,
-    steering_late_of,
-)
+from parameter_identification.drives.kept import load_kept, measured_in, times_of
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.drives.names import names_of
 from parameter_identification.drives.recorded import TopicNames
@@ -222,7 +217,8 @@ def begin(
         whole = np.diag(np.append(np.zeros(k), precisions))
         whole[:k, :k] = before.information
         free = np.full(len(rates), np.inf)
-        late = min(map(steering_late_of, own))  # what each drive allows, all do
+        times = [times_of(file) for file in own]
+        late = min(time.steering_late for time in times)  # what each drive allows, all do
         variables = Variables(
             np.concatenate([np.zeros(k), [lowest(e, late) / e.std for e in shared], -free]),
             np.concatenate([np.ones(k), [e.high / e.std for e in shared], free]),
@@ -230,10 +226,8 @@ def begin(
             whole,
             rates,
         )
-        times = (
-            np.array([since(beginning_of(file)) for file in own]) if rates else np.zeros(len(own))
-        )
-        fits.append(VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates)))))
+        when = np.array([since(time.began) if rates else 0.0 for time in times])
+        fits.append(VehicleFit(own, setting, variables, when, np.append(at, np.zeros(len(rates)))))
         if progress is not None:
             progress(len(fits), len(files))
     return fits
@@ -333,6 +327,7 @@ def result_of(
         scatter=float(scatter.ratio[:k].max()),
         wrong=scatter.missed
         or not few_coloured(sum(not share.white for share in drives), len(drives)),
+        converged=fit.converged,
     )
     covariance = correction.covariance
     std = np.sqrt(np.diag(covariance))
@@ -365,5 +360,6 @@ def result_of(
         level=level,
         effects=tuple(effects),
         measured=setting.measured,
+        converged=fit.converged,
         seed=seed,
     )

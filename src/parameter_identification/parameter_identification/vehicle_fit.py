@@ -31,6 +31,7 @@ DRIVES_PER_TASK = 4  # of the executor
 PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
 UNEXPLAINED = 0.3  # by which a step would lower the cost, of which no part does: not a minimum
+LOST = 0.1  # share of drives without a minimum of their own, beyond which nothing is known
 SHORTENED = 0.3  # share of a step that is tried where the step does not lower the cost
 
 
@@ -128,6 +129,12 @@ class VehicleFit:
         if self.here is None:
             raise ValueError("the cost was not evaluated yet")
         return self.here
+
+    @property
+    def converged(self) -> bool:
+        """Whether what each drive has of its own is a minimum, but for a few of many drives."""
+        lost = sum(not share.converged for share in self.quadratic.shares)
+        return lost <= LOST * len(self.files)
 
     @property
     def fits(self) -> "tuple[VehicleFit, ...]":

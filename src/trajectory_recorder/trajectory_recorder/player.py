@@ -3,8 +3,10 @@
 import math
 import time
 from collections.abc import Callable, Collection
+from itertools import takewhile
 from threading import TIMEOUT_MAX, Condition
 
+from trajectory_recorder.bag.latched import since
 from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 
 CLOCK_PERIOD = 10_000_000  # ns of recorded time between ticks of the clock
@@ -22,7 +24,7 @@ class Player:
     rate : float
         Recorded seconds per second; 0 plays as fast as ``publish`` returns.
     start : float
-        Recorded time to skip from the bag's begin [s], latched topics excepted.
+        Recorded time to skip from the bag's begin [s], but the newest messages of latched topics.
     duration : float
         Recorded time to play [s].
     loop : bool
@@ -108,7 +110,7 @@ class Player:
             return self._paused
 
     def seek(self, start: float) -> None:
-        """Go on from another place, forward or back; latched topics are played up to it.
+        """Go on from another place, forward or back, with the newest messages of latched topics.
 
         Parameters
         ----------
@@ -140,13 +142,16 @@ class Player:
             start = self._start
         first, _ = self._bag.span or (0, 0)
         begin, next_tick = first + start, None
-        for message in self._bag.messages_by_stamp(self._topics):
+        messages = takewhile(
+            lambda _: not (self._stopped or self._sought),
+            self._bag.messages_by_stamp(self._topics),
+        )
+        for message in since(begin, messages, self._bag.topics):
             if self._stopped or self._sought:
                 return
             stamp = message.stamp
             if stamp < begin:
-                if self._bag.topics[message.topic].latched:
-                    publish(message)
+                publish(message)
                 continue
             if stamp - begin > self._duration:
                 return

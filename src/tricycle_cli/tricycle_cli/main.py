@@ -163,6 +163,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         nobody reads what is printed any more, or the subcommand's.
     """
     if argv is None:  # the process is ours
+        _open_closed_streams()
         gc.set_threshold(50_000)  # imports make many objects, and hardly any garbage
         atexit.register(gc.freeze)  # what is left at the end need not be looked through
         for stream in (sys.stdout, sys.stderr):  # of a locale without Greek, for example
@@ -185,6 +186,21 @@ def main(argv: Sequence[str] | None = None) -> int:
                 except BrokenPipeError:
                     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         return PIPE_CLOSED
+
+
+def _open_closed_streams() -> None:
+    """Let standard streams that are closed (``>&-``) lead nowhere.
+
+    A file that is opened later would otherwise get the number of one, and with it what compiled
+    code prints.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
 
 
 def _run(words: Sequence[str]) -> int:

@@ -67,6 +67,17 @@ def test_a_steering_angle_that_is_not_told_throughout_is_not_used(bag: Path) -> 
         assert (Input.STEERING in drive.measured_throughout) == used
 
 
+def test_a_sensor_with_another_clock_is_told_as_unheard(bag: Path) -> None:
+    recorded = read_drive(bag)
+    assert recorded.imu is not None
+    assert measured_drive(recorded, VEHICLE).unheard == ()
+    imu = replace(recorded.imu, time=recorded.imu.time + 3600.0)
+    drive = measured_drive(replace(recorded, imu=imu), VEHICLE)
+    assert Sensor.YAW_RATE not in drive.signals
+    assert drive.unheard == (Sensor.YAW_RATE, Sensor.LATERAL_ACCELERATION)[: len(drive.unheard)]
+    assert Sensor.YAW_RATE in drive.unheard
+
+
 def test_a_bag_without_commands_is_told(tmp_path: Path) -> None:
     path = SimulatedBag(without=("/maneuver/commands",)).write(tmp_path / "bag")
     with pytest.raises(IdentificationError, match="maneuver/commands"):

@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import driven_bags
 import numpy as np
 import pytest
 from driven_bags import (
@@ -23,6 +24,7 @@ from parameter_identification.drives.measured_from_bag import measured_drive, re
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.judging.judgement import judge, judge_drive
+from trajectory_recorder.bag.conversion import convert
 from tricycle_core.errors import JudgeError
 
 
@@ -229,3 +231,16 @@ def test_set_points_of_others_than_the_driver_do_not_count(tmp_path: Path) -> No
     assert drive.lead_in is not None
     assert set(drive.lead_in.steering_motor_angle.tolist()) == {0.1}
     assert np.all(np.diff(drive.lead_in.time) > 0.0)
+
+
+def test_the_second_drive_of_a_bag_can_be_cut_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = Scene().write(tmp_path / "first")
+    monkeypatch.setattr(driven_bags, "START", START + 30 * 10**9)
+    second = Scene().write(tmp_path / "second")
+    convert([first, second], tmp_path / "both")
+    with pytest.raises(JudgeError, match="2 maneuvers were started"):
+        read_drive(tmp_path / "both")
+    convert([tmp_path / "both"], tmp_path / "part", start=25.0)
+    assert read_drive(tmp_path / "part").start == START + 30 * 10**9

@@ -1,8 +1,9 @@
 """Times at which several quantities are known."""
 
 import numpy as np
+import pytest
 
-from parameter_identification.drives.samples import Samples, common_times
+from parameter_identification.drives.samples import Samples, common_times, missing
 
 
 def samples(time):
@@ -29,3 +30,18 @@ def test_of_the_same_clock_all_are_known():
     np.testing.assert_allclose(common_times([samples(time), samples(time)]), time)
     np.testing.assert_allclose(common_times([samples([0.5]), samples(time)]), [0.5])
     assert not len(common_times([samples([0.3]), samples(time)]))
+
+
+@pytest.mark.parametrize(
+    ("time", "lost"),
+    [
+        (np.arange(-1.0, 11.0, 0.05), 0.0),
+        (np.append(np.arange(0.0, 4.0, 0.1), np.arange(7.0, 10.0, 0.1)), 3.1),
+        (np.arange(0.0, 4.0, 0.1), 6.1),  # it ended
+        (np.arange(4.0, 10.0, 0.1), 4.0),  # it began late
+        (np.arange(0.4, 10.0, 1.0), 0.0),  # seldom, but all the time
+        (np.array([]), 0.0),
+    ],
+)
+def test_samples_are_missing_where_they_come_more_often_elsewhere(time, lost):
+    assert missing(time, 0.0, 10.0) == pytest.approx(lost)

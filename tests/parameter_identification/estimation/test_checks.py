@@ -50,6 +50,17 @@ def test_the_same_drive_does_not_count_twice(pair):
         check_drives([pair[0], cut], VEHICLE)
 
 
+@pytest.mark.parametrize("rounding", [0.01, 0.02])
+def test_drives_of_one_maneuver_are_not_the_same_because_positions_are_rounded(rounding):
+    ways = [
+        driven(commands_of_pair()["circle"], noise=0.002, seed=i).signals[Sensor.POSITION].values
+        for i in range(3)
+    ]
+    ways = [rounding * np.round(way / rounding) for way in ways]
+    assert same_drives(ways) == {}
+    assert same_drives([*ways, ways[1][20:-20]]) == {3: 1}
+
+
 def test_each_drive_is_compared_with_those_that_count():
     rng = np.random.default_rng(0)
     way = np.vstack([np.zeros(2), rng.normal(size=(40, 2))])
@@ -149,6 +160,25 @@ def test_a_gyro_that_is_0_straight_on_is_let_through():
     ahead = Commands([0.0, 30.0], [0.0, 0.0], [1.5, 1.5])
     drive = driven(ahead, others=[(Sensor.YAW_RATE, SensorNoise(1e-3))])
     check_signs([with_values(drive, Sensor.YAW_RATE, 0.0)], VEHICLE)
+
+
+@pytest.mark.parametrize(
+    ("turned", "message"),
+    [
+        (lambda values: values, None),
+        (lambda values: values[:, ::-1] * [1.0, -1.0], None),  # turned by 90 degrees
+        (lambda values: values[:, ::-1], "positions are the mirror image of what"),  # north, east
+        (lambda values: values * [1.0, -1.0], "positions are the mirror image of what"),
+        (lambda values: 3.28 * values, r"positions are 3\.3 times what"),
+        (lambda values: 100.0 * values, "positions are 99 times what"),
+    ],
+)
+def test_positions_in_a_frame_or_unit_of_another_kind_are_refused(turned, message):
+    drive = driven(commands_of_pair()["circle"], pose=(3.0, -2.0, 2.5))
+    signal = drive.signals[Sensor.POSITION]
+    signals = {Sensor.POSITION: dataclasses.replace(signal, values=turned(signal.values))}
+    with nullcontext() if message is None else pytest.raises(IdentificationError, match=message):
+        check_signs([dataclasses.replace(drive, signals=signals)], VEHICLE)
 
 
 def test_signs_are_right_backwards_too():

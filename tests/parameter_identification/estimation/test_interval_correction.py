@@ -64,6 +64,14 @@ def test_intervals_of_a_few_drives_hold_where_all_err_as_each_does(drives, bias,
     assert np.mean(np.abs(mean[:, 0]) < reach) > least
 
 
+def test_drives_that_agree_to_the_last_digit_do_not_scatter():
+    rng = np.random.default_rng(0)
+    for drives in range(2, 6):  # what is left of their sum of squares is round-off, of either sign
+        estimates, variances = rng.normal(size=(1, 300)), rng.uniform(0.01, 1.0, (1, 300))
+        every = estimates.repeat(drives, axis=0), variances.repeat(drives, axis=0)
+        assert np.all(np.array(heterogeneity_factors(*every, 0.95)) == 1.0)
+
+
 @pytest.mark.parametrize(("drives", "level"), [(2, 0.8), (2, 0.95), (3, 0.95), (6, 0.95)])
 def test_intervals_by_what_changes_without_each_drive_hold_where_all_err_as_each_does(
     drives, level

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from parameter_identification.estimation import levenberg_marquardt
 from parameter_identification.estimation.levenberg_marquardt import minimum_of
 from parameter_identification.estimation.quadratic import Quadratic
 
@@ -21,3 +22,24 @@ def test_a_stiff_kink_does_not_end_the_search_before_it(stiffness):
         free=np.array([True]), rough=np.array([False]), samples=1000, tolerance=0.01,
     )  # fmt: skip
     assert found.cost < 81.0 * stiffness**2 / (1.0 + stiffness**2) + 0.2
+
+
+@pytest.mark.parametrize(
+    ("steep", "steps", "converged"), [(1.0, 50, True), (1.0, 3, False), (10.0, 50, False)]
+)
+def test_a_search_that_is_given_up_says_so(monkeypatch, steep, steps, converged):
+    """In the curved valley of Rosenbrock's function: too few steps, and none of use."""
+
+    def quadratic(v):
+        x, y = v
+        valley = steep * np.array([-2.0 * x, 1.0, y - x**2])
+        columns = np.array([valley, [-1.0, 0.0, 1.0 - x]])
+        return Quadratic.of_gram(v, columns.T @ columns)
+
+    monkeypatch.setattr(levenberg_marquardt, "MAX_STEPS", steps)
+    found = minimum_of(
+        quadratic, np.array([-3.0, 9.0]), (np.full(2, -10.0), np.full(2, 10.0)),
+        free=np.ones(2, dtype=bool), rough=np.zeros(2, dtype=bool), samples=1000, tolerance=0.01,
+    )  # fmt: skip
+    assert found.converged == converged
+    assert (np.abs(found.at - 1.0).max() < 0.2) == converged

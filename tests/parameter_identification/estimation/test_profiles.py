@@ -45,3 +45,16 @@ def test_an_interval_that_the_cost_does_not_limit_is_the_whole_range(std):
     curve = profile(Flat(0.0), best, np.diag([std**2, 1.0]), 0, 0.95)
     assert curve.interval == (0.0, 1.0)
     assert (curve.z[0], curve.z[-1]) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("lost", "high"), [(0.6, 0.598), (1.0, 1.0)])
+def test_a_point_at_which_the_search_was_given_up_does_not_end_an_interval(lost, high):
+    class GivenUp(OtherValley):
+        def minimise(self, start, free, *, tolerance):
+            fit = super().minimise(start, free, tolerance=tolerance)
+            within = 0.5 < start[0] <= lost
+            return Fit(fit.at, 200.0, converged=False) if within else fit
+
+    best = Fit(np.array([0.5, 0.0]), 100.0)
+    curve = profile(GivenUp(0.0), best, np.diag([STD**2, 1.0]), 0, 0.95)
+    assert curve.interval == pytest.approx((0.402, high), abs=2e-3)

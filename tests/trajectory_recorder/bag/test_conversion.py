@@ -45,6 +45,32 @@ def test_a_part_has_the_latched_messages_of_before(tmp_path: Path) -> None:
     assert count == len(expected)
 
 
+@pytest.mark.parametrize(
+    ("kind", "depths", "kept"),
+    [
+        (STRING, (1,), "3"),
+        (STRING, (2,), "23"),
+        (STRING, (1, 1), "23"),
+        ("tf2_msgs/msg/TFMessage", (1,), "123"),
+    ],
+)
+def test_of_earlier_latched_messages_a_part_has_those_of_a_late_subscriber(
+    tmp_path: Path, kind: str, depths: tuple[int, ...], kept: str
+) -> None:
+    qos = tuple(OfferedQos(durability="transient_local", depth=depth) for depth in depths)
+    with BagWriter(tmp_path / "bag") as writer:
+        plan = writer.add_topic(Topic.of_type("/plan", kind, qos=qos))
+        odom = writer.add_topic(Topic.of_type("/odom", STRING))
+        for stamp in range(1, 5):
+            writer.write(plan, stamp * S, b"%d" % stamp)
+            writer.write(odom, stamp * S, b"")
+    assert convert([tmp_path / "bag"], tmp_path / "part", start=2.5) == len(kept) + 2
+    with BagReader(tmp_path / "part") as reader:
+        plans = [(m.stamp, m.data.decode()) for m in reader.messages({"/plan"})]
+    begin = round(3.5 * S)
+    assert plans == [*((begin, number) for number in kept), (4 * S, "4")]
+
+
 def test_several_bags_become_one_by_their_stamps(tmp_path: Path) -> None:
     first = write(tmp_path / "first", range(0, 6, 2), odom=STRING)
     second = write(tmp_path / "second", range(1, 6, 2), odom=STRING)

@@ -1,8 +1,10 @@
 """Patterns stand for the bags that they match."""
 
+from pathlib import Path
+
 import pytest
 
-from trajectory_recorder.bag.location import bag_path, find_bags
+from trajectory_recorder.bag.location import bag_path, find_bags, scheme_of
 from tricycle_core.errors import BagError
 
 
@@ -31,6 +33,20 @@ def bags(tmp_path, monkeypatch):
 )
 def test_a_pattern_stands_for_bags(bags, pattern, found):
     assert [bag.as_posix() for bag in find_bags(pattern)] == found
+
+
+@pytest.mark.parametrize(
+    ("location", "scheme"),
+    [
+        ("S3://bags/one", "s3"),
+        (Path("s3://bags/one"), "s3"),
+        ("s3:/bags/one", ""),
+        ("c:/one", ""),
+        (Path("bags/one"), ""),
+    ],
+)
+def test_a_url_is_known_also_where_it_was_a_path(location, scheme):
+    assert scheme_of(location) == scheme
 
 
 def test_a_path_with_the_characters_of_a_pattern_is_a_path(bags, tmp_path):

@@ -59,6 +59,22 @@ def test_bags_beside_one_that_cannot_be_opened_are_judged(tricycle, tmp_path, mo
     assert f"tricycle: {tmp_path / 'locked'}: Permission denied" in printed.err
 
 
+@pytest.mark.parametrize(
+    ("sides", "told"),
+    [((1.0, 1.0), ""), ((1.0, -1.0), "are the mirror image of"), ((3.28, 3.28), "are 3.3 times")],
+)
+def test_poses_in_a_frame_or_unit_of_another_kind_are_told(tricycle, tmp_path, capsys, sides, told):
+    def edit(messages):
+        for _, message in messages["/odom"]:
+            position = message.pose.pose.position
+            position.x, position.y = sides[0] * position.x, sides[1] * position.y
+
+    bag = Scene(edit=edit).write(tmp_path / "bag")
+    assert tricycle("judge", bag) == 0
+    expected = f"{bag}: the positions {told} the reference: they must be in m, " if told else ""
+    assert capsys.readouterr().err[: len(expected) or None] == expected
+
+
 def test_poses_without_heading_are_null_in_json(tricycle, tmp_path, capsys):
     bag = Scene(deviation=sideways(0.2), poses="fix").write(tmp_path / "bag")
     datum = f"{DATUM.latitude},{DATUM.longitude},{DATUM.altitude}"

@@ -116,6 +116,12 @@ def test_remarks_say_what_a_reader_must_know(found):
         assert any(text in line for line in lines), text
 
 
+def test_that_there_is_no_minimum_is_said_first(found):
+    first, *others = remarks(dataclasses.replace(found, converged=False))
+    assert first.startswith("NO minimum was found")
+    assert remarks(found) == others
+
+
 def test_the_terminal_shows_a_truth_that_is_given(found):
     console = Console(width=120, file=io.StringIO(), record=True)
     console.print(parameter_table(found, {"yaw_inertia": 90.0}))

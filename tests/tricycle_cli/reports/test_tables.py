@@ -252,6 +252,26 @@ def test_vehicles_whose_drives_contradict_each_other_are_named_the_worst_first()
     assert not any("contradict" in line for line in remarks_on_fleet(fleet_of(vehicle)))
 
 
+def test_what_is_missing_of_a_drive_is_told():
+    whole, torn = driven_pair()
+    signals = {Sensor.POSITION: torn.signals[Sensor.POSITION].between(-1.0, 4.0)}
+    torn = dataclasses.replace(torn, signals=signals, unheard=(Sensor.YAW_RATE,))
+    found = dataclasses.replace(FOUND, noise={Sensor.POSITION: NoiseLevel(0.01)})
+    lines = [*remarks_on_drives(found, [whole], [torn], tables=False, redrawn=False)]
+    assert len(lines) == 2
+    assert re.match(r"lane: samples of position are missing for \d+\.\d of \d+\.\d s$", lines[0])
+    assert lines[1].startswith("yaw rate: not used of 1 (lane), whose bags have samples, but ")
+    vehicle = found_in(share("first", unheard=(Sensor.YAW_RATE,), converged=False), share("second"))
+    assert any(
+        line.startswith("yaw rate: not used of 1 (first)") for line in remarks_on_many(vehicle)
+    )
+    told = remarks_on_fleet(fleet_of(vehicle))
+    assert any(line.startswith("yaw rate: not used of 1 (red/first)") for line in told)
+    for name, lines in (("first", remarks_on_many(vehicle)), ("red/first", told)):
+        (line,) = (line for line in lines if line.startswith("NO minimum"))
+        assert f"1 of the drives have of their own, as their start poses ({name})" in line
+
+
 def test_drives_with_another_vehicle_file_are_told():
     known = {"same": "abc", "other": "def", "unknown": ""}
     vehicle = found_in(*(share(name, vehicle_hash=file) for name, file in known.items()))

@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -19,7 +20,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
-FORMAT = 7  # counted up with what is read of a bag, so that older files are read anew
+FORMAT = 8  # counted up with what is read of a bag, so that older files are read anew
 
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
@@ -68,6 +69,7 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
         "vehicle_hash": np.array(drive.vehicle_hash),
         "turn_std": np.array(drive.turn_std),
         "steering_late": np.array(drive.steering_late),
+        "unheard": np.array([sensor.name for sensor in drive.unheard], dtype=str),
         "commands": np.array([commands.time, commands.steering_motor_angle, commands.speed]),
         "truth": np.array(list(drive.truth.values())),
         "true": np.array(list(drive.truth), dtype=str),
@@ -118,6 +120,7 @@ def load_kept(file: Path) -> MeasuredDrive:
             vehicle_hash=str(arrays["vehicle_hash"]),
             turn_std=float(arrays["turn_std"]),
             steering_late=float(arrays["steering_late"]),
+            unheard=tuple(Sensor[name] for name in arrays["unheard"].tolist()),
             steering_angle=Samples(*arrays[Input.STEERING.name].T)
             if Input.STEERING.name in arrays
             else None,
@@ -153,8 +156,23 @@ def measured_in(file: Path) -> frozenset[Sensor | Input]:
         return frozenset(one for one in (*Sensor, Input.STEERING) if one.name in arrays)
 
 
-def beginning_of(file: Path) -> float:
-    """Return when a kept drive began [s since 1970]; NaN: not known.
+class KeptTimes(NamedTuple):
+    """Times of a kept drive.
+
+    Attributes
+    ----------
+    began : float
+        Time at which it began [s since 1970]; NaN: not known.
+    steering_late : float
+        By how much the steering of its commands may be late against the signals [s].
+    """
+
+    began: float
+    steering_late: float
+
+
+def times_of(file: Path) -> KeptTimes:
+    """Return the times of a kept drive.
 
     Parameters
     ----------
@@ -162,19 +180,7 @@ def beginning_of(file: Path) -> float:
         Written by `keep`.
     """
     with _arrays_of(file) as arrays:
-        return float(arrays["began"])
-
-
-def steering_late_of(file: Path) -> float:
-    """Return by how much the steering of a kept drive may be late [s].
-
-    Parameters
-    ----------
-    file : Path
-        Written by `keep`.
-    """
-    with _arrays_of(file) as arrays:
-        return float(arrays["steering_late"])
+        return KeptTimes(float(arrays["began"]), float(arrays["steering_late"]))
 
 
 def is_kept(file: Path) -> bool:

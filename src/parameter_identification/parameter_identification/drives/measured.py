@@ -208,6 +208,8 @@ class MeasuredDrive:
         Whether its steering's angle is by a map that was estimated from the recording.
     vehicle_hash : str
         Fingerprint of the vehicle file that it was driven with; empty: not recorded.
+    unheard : tuple of Sensor
+        Sensors that the bag has, but of which too few samples are of the drive to be used.
 
     Raises
     ------
@@ -231,6 +233,7 @@ class MeasuredDrive:
     recording: str = ""
     map_estimated: bool = False
     vehicle_hash: str = ""
+    unheard: tuple[Sensor, ...] = ()
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:

@@ -10,6 +10,7 @@ import numpy as np
 
 from excitation_planner.design.noise import STANDSTILL
 from parameter_identification.drives.measured import (
+    MIN_SAMPLES,
     STAMP_JITTER,
     STEERING_LATE,
     MeasuredDrive,
@@ -103,10 +104,11 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         commands = commands.until(drive.ended_early)
     late = STEERING_LATE if IMPORTED_FROM in drive.metadata else 0.0
     end = commands.duration
+    signals = _signals(drive, vehicle, end - late)
     return MeasuredDrive(
         name=name_of(drive.bag),
         commands=commands,
-        signals=usable(_signals(drive, vehicle, end - late), vehicle),
+        signals=usable(signals, vehicle),
         reference=drive.reference,
         truth=_truth(drive.metadata),
         complete=drive.complete,
@@ -115,6 +117,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         turn_std=_turn_std(drive),
         steering_late=late,
         vehicle_hash=drive.metadata.get(VEHICLE_HASH, ""),
+        unheard=tuple(sensor for sensor, s in signals.items() if len(s.time) < MIN_SAMPLES),
     )
 
 

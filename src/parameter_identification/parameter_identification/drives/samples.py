@@ -11,6 +11,7 @@ from tricycle_core.quantities import FloatArray
 
 CLOCK_STEP = 1e-6  # s; times since 1970 are rounded to a quarter of it
 MAX_GAP = 0.2  # s between poses, or samples of an input, that are interpolated between
+LOST, LOST_PERIODS = 0.5, 10.0  # s, and periods, without a sample from which some were lost
 GAP = 2.5  # periods between samples beyond which nothing is known between them
 
 
@@ -23,6 +24,24 @@ def measures_nothing(values: FloatArray) -> bool:
         Samples of a sensor, in any unit; NaN where one is missing.
     """
     return not np.nan_to_num(values).any()
+
+
+def missing(time: FloatArray, begin: float, end: float) -> float:
+    """Return for how long samples of a sensor are missing [s]; 0 where it has none at all.
+
+    Parameters
+    ----------
+    time : ndarray of float, shape (m,)
+        Times of the samples [s], increasing.
+    begin, end : float
+        Time in which they are looked for [s].
+    """
+    there = time[(time >= begin) & (time <= end)]
+    if not len(there):
+        return 0.0
+    period = float(np.median(np.diff(there))) if len(there) > 1 else 0.0
+    steps = np.diff(there, prepend=begin, append=end)
+    return float(steps[steps > max(LOST, LOST_PERIODS * period)].sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from excitation_planner.design.prior import BoxPrior
 from parameter_identification.drives.following import servo_angle
@@ -15,10 +16,11 @@ from parameter_identification.drives.measured import (
     Signal,
     StartPose,
 )
-from parameter_identification.drives.proportion import contradiction
+from parameter_identification.drives.proportion import contradiction, path_contradiction
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
@@ -30,6 +32,7 @@ SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned w
 LONG = 5.0  # s, of a drive that is looked at by itself
 LEAST_SLOPE = 0.5  # of what is measured, over what is expected, where a sign is wrong
 UNIT = 5.0  # factor from which it is that of another unit
+UNIT_OF_PATH = 2.5  # likewise, of positions
 LEAST = {
     Sensor.HEADING: (math.inf, 0.05),
     Sensor.YAW_RATE: (0.4, 0.05),
@@ -43,6 +46,7 @@ Far above what a bias adds; the second without it.
 LEAST_STEERING = 0.1, 0.01  # rad, likewise
 FORWARD = {Sensor.WHEEL_SPEED: "forward"}
 """Positive direction of a sensor; that of the others is to the left."""
+RUN = 8  # positions that drives have in common where they are rounded
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
 
 
@@ -82,7 +86,8 @@ def check_drives(
 def same_drives(positions: Sequence[FloatArray]) -> dict[int, int]:
     """Return which drives repeat an earlier one: most positions of the shorter are the other's too.
 
-    Counted twice, a drive would make estimates look more certain than they are.
+    Counted twice, a drive would make estimates look more certain than they are. Where positions are
+    rounded, different drives of one maneuver have many in common: there, runs of them are compared.
 
     Parameters
     ----------
@@ -97,7 +102,8 @@ def same_drives(positions: Sequence[FloatArray]) -> dict[int, int]:
     n = len(positions)
     if n < 2:
         return {}
-    points = [np.unique(one @ [1.0, 1.0j]) for one in positions]
+    rounded = any(resolution(column) > 0.0 for one in positions for column in one.T)
+    points = [np.unique(_keys(one, RUN if rounded else 1)) for one in positions]
     sizes = np.array([len(one) for one in points])
     every, owner = np.concatenate(points), np.repeat(np.arange(n), sizes)
     order = np.argsort(every, kind="stable")
@@ -118,6 +124,24 @@ def same_drives(positions: Sequence[FloatArray]) -> dict[int, int]:
         if later not in found and earlier not in found:
             found[later] = earlier
     return found
+
+
+def _keys(positions: FloatArray, run: int) -> NDArray[np.uint64]:
+    """A number for each run of so many positions (m, 2) that differ from one to the next."""
+    x, y = np.ascontiguousarray(positions.T + 0.0).view(np.uint64)  # no -0
+    keys = _scattered(_scattered(x) + y)
+    keys = np.append(keys[:1], keys[1:][keys[1:] != keys[:-1]])
+    runs = keys[: max(len(keys) - run + 1, 0)]
+    for later in range(1, run):
+        runs = _scattered(runs) + keys[later : len(runs) + later]
+    return runs
+
+
+def _scattered(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Different numbers for different ones; each of their bits depends on all (SplitMix64)."""
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        numbers = (numbers ^ (numbers >> np.uint64(shift))) * np.uint64(factor)
+    return numbers ^ (numbers >> np.uint64(31))
 
 
 def check_motion(drive: MeasuredDrive) -> None:
@@ -197,8 +221,8 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     """Raise if a sensor has the wrong sign or unit, judged by the motion that the commands give.
 
     Its axis points the other way, or that of the commands does, or its unit is another one;
-    estimates that follow such a sensor are wrong. Windows of a recording are too short to be looked
-    at one by one.
+    estimates that follow such a sensor are wrong. So it is with positions in a mirrored frame.
+    Windows of a recording are too short to be looked at one by one.
 
     Parameters
     ----------
@@ -215,7 +239,8 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     from scipy.signal import detrend  # takes as long as NumPy
 
     short = [drive for drive in drives if np.ptp(drive.signals[Sensor.POSITION].time) < LONG]
-    for together in (*([drive] for drive in drives if drive not in short), short):
+    long = [drive for drive in drives if drive not in short]
+    for together in (*([drive] for drive in long), short):
         pairs: dict[Sensor, list[FloatArray]] = {}
         for drive in together:
             for sensor, pair in _expected_and_measured(drive, vehicle):
@@ -235,6 +260,30 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
                 _check_alike(pair, LEAST_STEERING[0], what, "to the left, in rad")
                 varying = detrend(pair, type="constant")
                 _check_alike(varying, LEAST_STEERING[1], what, "to the left, in rad")
+    for drive in long:
+        _check_path(drive, vehicle)
+
+
+def _check_path(drive: MeasuredDrive, vehicle: Vehicle) -> None:
+    """Raise if the positions are those of a mirrored frame, or in another unit."""
+    at = drive.start.speed
+    motion = simulate(vehicle, drive.commands, speed=at, setpoint=at, threads=1)
+    signal = drive.signals[Sensor.POSITION].between(0.0, float(motion.time[-1]))
+    if len(signal.time) < MIN_SAMPLES:
+        return
+    expected = (np.interp(signal.time, motion.time, row[0]) for row in (motion.x, motion.y))
+    steering = servo_angle(drive.commands, signal.time, vehicle)
+    if problem := path_contradiction(
+        signal.values,
+        np.column_stack([*expected]),
+        factor=UNIT_OF_PATH,
+        turns=float(np.sqrt(np.mean(steering**2))) > LEAST_STEERING[0],
+    ):
+        raise IdentificationError(
+            f"{drive.name}: the positions {problem} what the commands give: they must be in m, in "
+            "a frame of which y is to the left of x (REP-103), and the commands positive to the "
+            "left; mend what is wrong"
+        )
 
 
 def _check_alike(pair: FloatArray, least: float, what: str, positive: str) -> None:

@@ -139,7 +139,7 @@ def heterogeneity_factors(
         by_noise = np.linalg.inv(design.T * weights @ design + before)
         fitted = design @ by_noise @ (design.T * weights)
         degrees = d - float(np.trace(fitted))
-        squares = found @ (weights * (found - fitted @ found))
+        squares = max(0.0, found @ (weights * (found - fitted @ found)))  # but for round-off
         if degrees < LEAST_DEGREES or chdtrc(degrees, squares) * k >= AGREEING:
             continue
         of_scatter = (squares - degrees) / float(weights @ (1.0 - np.diag(fitted)))
@@ -340,7 +340,8 @@ class IntervalCorrection:
     widening : ndarray of float, shape (k,)
         Factors by which the correction makes the deviations of the parameters larger.
     beyond : ndarray of bool, shape (k,)
-        Parameters that the data pull beyond their ranges.
+        Parameters that are as uncertain as before the drives: those that the data pull beyond
+        their ranges, or all.
     scatter : float
         Largest factor for the drives' scatter; NaN for one drive.
     """
@@ -362,6 +363,7 @@ def corrected(
     average: Mixture | None,
     scatter: float,
     wrong: bool,
+    converged: bool = True,
 ) -> IntervalCorrection:
     """Return a fit's covariance with the scatter of its drives and the ranges it contradicts.
 
@@ -387,12 +389,15 @@ def corrected(
         Whether the model is known to be wrong for this vehicle, beside `scatter`. Then, or where
         the drives contradict each other, all parameters are as uncertain as before the drives as
         soon as one of them is at an end of its range, or an effect is pulled beyond its bounds.
+    converged : bool
+        Whether the fit is a minimum. If not, they all are, too.
     """
     k, (low, high) = len(prior_covariance), bounds
     beyond = pulled_parameters(at, here, factors[:k], low, high, average)
     held = at_bounds(at, low, high)[:k].any() or pulled_effects(at, here, k, low, high).any()
-    if held and (wrong or scatter > CONTRADICTING):
-        beyond[:] = True  # what is held at a bound makes the others wrong
+    # what is held at a bound makes the others wrong
+    if not converged or (held and (wrong or scatter > CONTRADICTING)):
+        beyond[:] = True
     scattered = covariance * np.outer(factors, factors)
     found = with_prior_variance(scattered, prior_covariance, beyond)
     widening = np.sqrt(np.diag(found)[:k] / np.diag(covariance)[:k])
@@ -461,4 +466,5 @@ def interval_correction(
         average=average,
         scatter=float(scatter.max()),
         wrong=not white or missing is not None,
+        converged=optimum.fit.converged,
     )

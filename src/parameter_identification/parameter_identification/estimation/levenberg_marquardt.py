@@ -15,11 +15,12 @@ from tricycle_core.quantities import FloatArray
 
 MAX_STEPS = 50
 ROUGHNESS = 0.3  # of the cost: a damped step that would lower it by less is not tried
+UNEXPLAINED = 1.0  # of the cost, by which a step would lower it, of which no part does
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A minimum.
+    """A minimum, or where the search for one was given up.
 
     Attributes
     ----------
@@ -27,10 +28,13 @@ class Fit:
         Variables.
     cost : float
         Squared residuals divided by their variances, with the priors' part.
+    converged : bool
+        Whether it is a minimum: no step would lower the quadratic cost by much.
     """
 
     at: FloatArray
     cost: float
+    converged: bool = True
 
 
 def minimum_of(
@@ -43,7 +47,7 @@ def minimum_of(
     samples: int,
     tolerance: float,
 ) -> Fit:
-    """Find a minimum from a start.
+    """Search for a minimum from a start, in `MAX_STEPS` steps at most.
 
     Parameters
     ----------
@@ -90,4 +94,5 @@ def minimum_of(
             # a secant over a long step may be of a kink near its start: not all of it at once
             most = 10.0 * np.maximum(damping, np.diag(here.information))
             damping = np.minimum(np.maximum(10.0 * damping, here.lacking(step, trial)), most)
-    return Fit(here.at, here.cost)
+    left = here.decrease(here.step(low, high, free=free))
+    return Fit(here.at, here.cost, converged=left < UNEXPLAINED * max(1.0, here.cost / samples))

@@ -26,7 +26,7 @@ class Optimum:
     Attributes
     ----------
     fit : Fit
-        The minimum.
+        The minimum, or where the search for it was given up.
     covariance : ndarray of float, shape (n, n)
         Covariance of the variables: inverse information at the minimum.
     rivals : tuple of ndarray of float, shape (k,)

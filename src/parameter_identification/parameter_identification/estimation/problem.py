@@ -324,7 +324,7 @@ class LeastSquares(Closing):
     def minimise(
         self, start: FloatArray, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01
     ) -> Fit:
-        """Find the minimum from a start, within the bounds.
+        """Search for the minimum from a start, within the bounds.
 
         Parameters
         ----------

@@ -78,13 +78,14 @@ def profile(
             start = best.at + inverse[:, i] / inverse[i, i] * (at - best.at[i])
             start[: problem.k] = np.clip(start[: problem.k], 0.0, 1.0)
             start[i] = at
-            z.append(at)
             fit = problem.minimise(start, free, tolerance=TOLERANCE)
             lowest = min(lowest, fit, key=lambda fit: fit.cost)
-            rise.append(max(0.0, fit.cost - best.cost))
+            if fit.converged:  # otherwise its cost may be too high, and would end the interval
+                z.append(at)
+                rise.append(max(0.0, fit.cost - best.cost))
             if rise[-1] > allowed or at == bound:
                 break
-        sides[sign] = (z, rise, _crossing(z, rise, allowed))
+        sides[sign] = (z, rise, _crossing(z, rise, allowed, at))
     (z_low, rise_low, low), (z_high, rise_high, high) = sides[-1], sides[1]
     return ProfileCurve(
         np.array(z_low[:0:-1] + z_high),
@@ -94,12 +95,12 @@ def profile(
     )
 
 
-def _crossing(z: Sequence[float], rise: Sequence[float], allowed: float) -> float:
-    """Where the rise first reaches `allowed`; its root is nearly a straight line."""
+def _crossing(z: Sequence[float], rise: Sequence[float], allowed: float, end: float) -> float:
+    """Where the rise first reaches `allowed`, or the end; its root is nearly a straight line."""
     root, wanted = np.sqrt(rise), math.sqrt(allowed)
     above = np.flatnonzero(root >= wanted)
     if not len(above):
-        return z[-1]
+        return end
     j = int(above[0])
     share = (wanted - root[j - 1]) / (root[j] - root[j - 1])
     return float(z[j - 1] + share * (z[j] - z[j - 1]))

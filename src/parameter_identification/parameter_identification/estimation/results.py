@@ -305,6 +305,8 @@ class IdentifiedParameters:
         Inputs that moved as measured, not as the commands say.
     seed : int
         Seed of the starts.
+    converged : bool
+        Whether the estimates are a minimum. If not, none of the parameters counts as shown.
     """
 
     vehicle: str
@@ -319,6 +321,7 @@ class IdentifiedParameters:
     fixed: Mapping[str, float] = field(default_factory=dict)
     measured: frozenset[Input] = frozenset()
     seed: int = 0
+    converged: bool = True
 
     def only(self, names: Collection[str]) -> Self:
         """Return the result for some of the parameters, the rest of which are its `others`.

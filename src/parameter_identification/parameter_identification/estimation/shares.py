@@ -93,6 +93,10 @@ class DriveShare:
         Fingerprint of the vehicle file that it was driven with; empty: not recorded.
     steering_late : float
         By how much the steering of its commands may be late against the signals [s].
+    converged : bool
+        Whether `own` is a minimum.
+    unheard : tuple of Sensor
+        As in `MeasuredDrive`.
     """
 
     name: str
@@ -108,6 +112,8 @@ class DriveShare:
     complete: bool = True
     vehicle_hash: str = ""
     steering_late: float = 0.0
+    converged: bool = True
+    unheard: tuple[Sensor, ...] = ()
 
 
 def first_fit(
@@ -191,8 +197,8 @@ def share_of(
         at = np.append(common, np.zeros(problem.n - c) if own is None else own)
         problem.set_weights(setting.noise, setting.sizes, at)
         free: NDArray[np.bool_] = np.arange(problem.n) >= c
-        at = problem.minimise(at, free).at
-        quadratic = problem.quadratic(at)
+        fit = problem.minimise(at, free)
+        at, quadratic = fit.at, problem.quadratic(fit.at)
         white = not coloured(whiteness_of_residuals(problem, problem.predictions(at)))
         samples = problem.samples_in_all
     information, gradient = quadratic.information.copy(), quadratic.gradient.copy()
@@ -216,4 +222,6 @@ def share_of(
         complete=drive.complete,
         vehicle_hash=drive.vehicle_hash,
         steering_late=drive.steering_late,
+        converged=fit.converged,
+        unheard=drive.unheard,
     )

@@ -87,7 +87,9 @@ def weigh_effects(
     covariance[np.ix_(variables, variables)] = average.covariance(best.fit.at[variables])
     deviations = _mean([end.deviations for end in ends], np.exp(evidence - average.evidence))
     probable = effects.probabilities(average) | deviations
-    return replace(optimum, fit=best.fit, covariance=covariance), average, probable
+    # an end that is no minimum is less probable than it should be
+    fit = replace(best.fit, converged=all(end.fit.converged for end in ends))
+    return replace(optimum, fit=fit, covariance=covariance), average, probable
 
 
 @dataclass(frozen=True, eq=False)

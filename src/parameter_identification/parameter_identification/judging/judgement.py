@@ -17,6 +17,7 @@ import numpy as np
 
 from excitation_planner.trajectory_error import POINTS, trajectory_error
 from parameter_identification.drives.poses import Datum, PlanarTrajectory
+from parameter_identification.drives.proportion import path_contradiction
 from parameter_identification.drives.reader import read_drive
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames
 from parameter_identification.drives.samples import MAX_GAP
@@ -33,6 +34,8 @@ __all__ = [
 ANCHORED = 1.0  # s before the start event that give the anchor
 MIN_ANCHORED = 0.3  # s of them that must be recorded
 MAX_CREEP = 0.05  # m/s of a vehicle that stands
+TURNING = 1.0  # rad of heading from which the reference and its mirror image are told apart
+UNIT = 2.5  # factor from which positions are in another unit
 STRAIGHT = 0.1  # rad of heading up to which the drive is straight, for the time offset
 
 
@@ -156,6 +159,18 @@ class Judgement:
     time_offset: float
     time_offset_deviation: float
     series: TimeSeries
+
+    @property
+    def contradiction(self) -> str:
+        """What is wrong with the frame or the unit of the poses, by the reference; else ""."""
+        s = self.series
+        problem = path_contradiction(
+            np.column_stack([s.x, s.y]),
+            np.column_stack([s.reference_x, s.reference_y]),
+            factor=UNIT,
+            turns=float(np.ptp(s.reference_heading)) > TURNING,
+        )
+        return f"the positions {problem} the reference" if problem else ""
 
 
 def judge(

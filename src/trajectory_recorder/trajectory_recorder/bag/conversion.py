@@ -2,13 +2,14 @@
 
 import heapq
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+from trajectory_recorder.bag.latched import since
 from trajectory_recorder.bag.location import check_apart, is_remote
-from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic
 from trajectory_recorder.bag.writer import BagWriter, Compression, whole_or_none
@@ -42,7 +43,7 @@ def convert(
     topics : collection of str, optional
         Names of the topics to copy. Default: all.
     start : float
-        Recorded time to leave out [s], latched topics excepted: they then come at the start.
+        Recorded time to leave out [s]; the newest messages of latched topics come at the start.
     duration : float
         Recorded time to keep [s].
     compression : Compression
@@ -94,17 +95,24 @@ def convert(
             *(reader.messages_by_stamp(joined.keys()) for reader in readers),
             key=lambda message: message.stamp,
         )
-        for done, message in enumerate(merged, start=1):
+        for message in since(begin, _counted(merged, total, progress), joined):
             if message.stamp - begin > duration * 1e9:  # a sum would lose some hundred ns
                 break
-            if message.stamp >= begin or joined[message.topic].latched:
-                stamp = max(message.stamp, begin)
-                writer.write(ids[message.topic], stamp, message.data, message.published)
-            if progress is not None and (done % 1000 == 0 or done == total):
-                progress(done, total)
+            stamp = max(message.stamp, begin)
+            writer.write(ids[message.topic], stamp, message.data, message.published)
         if not writer.messages:
             raise BagError("no message is left to write: none of the topics has one in that time")
         return writer.messages
+
+
+def _counted(
+    messages: Iterable[RecordedMessage], total: int, progress: Progress | None
+) -> Iterator[RecordedMessage]:
+    """Yield messages, and tell how many of all there were."""
+    for done, message in enumerate(messages, start=1):
+        yield message
+        if progress is not None and (done % 1000 == 0 or done == total):
+            progress(done, total)
 
 
 def _check_given_once(readers: Sequence[BagReader]) -> None:

@@ -37,12 +37,10 @@ def bag_path(text: str) -> Path:
     >>> bag_path("bags/circle").name
     'circle'
     """
-    found = re.match(r"([A-Za-z][A-Za-z0-9+.-]*)://", text)
-    if found is None:
+    if not (scheme := scheme_of(text)):
         return Path(text)
     text = text.rstrip("/")
-    scheme = found[1].lower()
-    _check_no_secret(scheme, text[found.end() :])
+    _check_no_secret(scheme, text.partition("://")[2])
     try:
         from upath import UPath
 
@@ -53,6 +51,20 @@ def bag_path(text: str) -> Path:
         raise _not_installed(text, error.__cause__ or error) from error
     except ValueError as error:  # of fsspec for a scheme that it does not know
         raise BagError(f"{text}: {error}") from error
+
+
+def scheme_of(location: str | Path) -> str:
+    """Return the scheme of a URL in lower case; empty for what is none.
+
+    Parameters
+    ----------
+    location : str or Path
+        Path or URL. A `Path` of a URL has made one slash of two.
+    """
+    found = re.match(r"([A-Za-z][A-Za-z0-9+.-]+):/(/?)", str(location))
+    if found is None or (isinstance(location, str) and not found[2]):
+        return ""
+    return found[1].lower()
 
 
 def _check_no_secret(scheme: str, rest: str) -> None:
@@ -94,12 +106,11 @@ def find_bags(text: str) -> list[Path]:
     BagError
         If a pattern matches no bag, or is one of a URL.
     """
-    remote = "://" in text
+    remote = scheme_of(text)
     if not glob.has_magic(text) or (not remote and Path(text).exists()):
         return [bag_path(text)]
     if remote:
-        scheme, _, rest = text.partition("://")
-        _check_no_secret(scheme.lower(), rest)
+        _check_no_secret(remote, text.partition("://")[2])
         raise BagError(f"{text}: patterns are those of files of this computer: name the bags")
     matched = [bag_at(Path(name)) for name in _matched(text)]
     found = [bag for bag in dict.fromkeys(matched) if bag is not None]

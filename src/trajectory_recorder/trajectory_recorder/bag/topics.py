@@ -213,6 +213,11 @@ class Topic:
         """Whether every publisher offered the last messages to late subscribers."""
         return bool(self.qos) and all(qos.latched for qos in self.qos)
 
+    @property
+    def latched_depth(self) -> int:
+        """Number of last messages that all publishers together keep for late subscribers."""
+        return sum(max(qos.depth, 1) for qos in self.qos)
+
     @classmethod
     def of_type(cls, name: str, type_name: str, *, qos: tuple[OfferedQos, ...] = ()) -> Topic:
         """Return a topic of a type of ROS 2 Jazzy or of an installed package.

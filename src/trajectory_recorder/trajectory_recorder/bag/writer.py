@@ -9,7 +9,6 @@ such a file up to that place.
 The records are those of https://mcap.dev/spec, the directory that of rosbag2 (metadata version 9).
 """
 
-import re
 import shutil
 import struct
 from collections import deque
@@ -24,6 +23,7 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
+from trajectory_recorder.bag.location import scheme_of
 from trajectory_recorder.bag.mcap_output import McapOutput
 from trajectory_recorder.bag.metadata import write_metadata
 from trajectory_recorder.bag.records import FAILURE, RECORD
@@ -59,10 +59,8 @@ def check_new(path: Path) -> None:
     BagError
         If it exists, or is a URL.
     """
-    if found := re.match(r"([A-Za-z][A-Za-z0-9+.-]+):/", str(path)):
-        raise BagError(
-            f"{found[1]}://…: bags are written on this computer only; copy it there then"
-        )
+    if scheme := scheme_of(path):
+        raise BagError(f"{scheme}://…: bags are written on this computer only; copy it there then")
     if path.exists():
         raise BagError(f"{path} exists: a bag is not overwritten, choose another name")
 
@@ -172,8 +170,7 @@ class BagWriter(Closing):
         self._topics[topic_id - 1] = topic
         latched = self._latched.pop(topic_id, ())
         if topic.latched:
-            depth = sum(max(qos.depth, 1) for qos in topic.qos)
-            self._latched[topic_id] = deque(latched, maxlen=depth)
+            self._latched[topic_id] = deque(latched, maxlen=topic.latched_depth)
 
     def write(self, topic_id: int, stamp: int, data: bytes, published: int | None = None) -> None:
         """Append a message.

@@ -116,6 +116,10 @@ def run(args: argparse.Namespace) -> int:
             progress(done, len(args.bags))
     for mistake in mistakes:
         print(f"tricycle: {mistake}", file=sys.stderr)
+    for judgement in judgements:
+        if problem := judgement.contradiction:
+            frame = "in m, in a frame of which y is to the left of x (REP-103)"
+            print(f"{judgement.bag}: {problem}: they must be {frame}", file=sys.stderr)
     if not judgements:
         return 2
     saved: list[Path] = []

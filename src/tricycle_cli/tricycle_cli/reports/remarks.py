@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from tricycle_cli.reports.tables import MOST_MEMBERS
 from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
-    from parameter_identification.drives.measured import MeasuredDrive
+    from parameter_identification.drives.measured import MeasuredDrive, Sensor
     from parameter_identification.estimation.results import (
         HeldOut,
         Identification,
@@ -48,11 +48,23 @@ def remarks(found: Identification) -> list[str]:
 
     drives = kind_of_drives(found)
     return [
+        *_on_the_search(found),
         *_on_what_is_shown(found, drives),
         *_on_the_model(found, drives),
         *_on_effects(found),
         *_on_the_fit(found),
         *(_remark_on_held_out(held, found.level) for held in found.held_out),
+    ]
+
+
+def _on_the_search(found: Identification) -> list[str]:
+    """A line where the estimates are no minimum."""
+    if found.converged:
+        return []
+    return [
+        "NO minimum was found: the search was given up where its next step would still have moved "
+        "the estimates by more than their uncertainty. So none of the parameters is shown. Start "
+        "elsewhere (--seed), with fewer effects (--effects), or with other drives"
     ]
 
 
@@ -70,7 +82,7 @@ def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
         for name, e in (*found.parameters.items(), *found.others.items())
         if min(abs(e.estimate - end) for end in e.range) <= 1e-9 * (e.range[1] - e.range[0])
     }
-    if not any(found.identifiable.values()):
+    if found.converged and not any(found.identifiable.values()):
         cure = "the model contradicts them" if ends else "drive longer, or other maneuvers"
         lines.append(f"these {drives} show none of the parameters: {cure}")
     if ends:
@@ -78,7 +90,8 @@ def _on_what_is_shown(found: Identification, drives: str) -> list[str]:
             f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
             "model lacks something"
         )
-    if contradicted := [name for name, e in ends.items() if (e.low, e.high) == e.range]:
+    contradicted = [name for name, e in ends.items() if (e.low, e.high) == e.range]
+    if found.converged and contradicted:
         lines.append(f"the {drives} contradict the range: {', '.join(contradicted)}; so not shown")
     return lines
 
@@ -268,6 +281,8 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
     lines += _contradictions(found, "drives")
     lines += [f"effect: {effect}" for effect in found.effects]
     lines += _not_whole([drive.name for drive in found.drives if not drive.complete])
+    lines += _not_heard((drive.name, drive.unheard) for drive in found.drives)
+    lines += _without_minimum([drive.name for drive in found.drives if not drive.converged])
     hashes = {drive.name: drive.vehicle_hash for drive in found.drives}
     lines += _of_another_file(hashes, found.vehicle_hash)
     lines += [f"left out: {reason}" for reason in found.left_out]
@@ -284,6 +299,29 @@ def _of_another_file(hashes: Mapping[str, str], here: str) -> list[str]:
         f"driven with another vehicle file ({files}) than this one ({here}): {len(others)} of the "
         f"drives ({_some(list(others))}). What differs between the files is not checked: a wrong "
         "constant bends the estimates"
+    ]
+
+
+def _not_heard(drives: Iterable[tuple[str, Sequence[Sensor]]]) -> list[str]:
+    """A line for each sensor that bags have, but not during their drives."""
+    found: dict[Sensor, list[str]] = {}
+    for drive, unheard in drives:
+        for sensor in unheard:
+            found.setdefault(sensor, []).append(drive)
+    return [
+        f"{sensor.value}: not used of {len(names)} ({_some(names)}), whose bags have samples, but "
+        "hardly any of the drive: is its clock that of the poses?"
+        for sensor, names in found.items()
+    ]
+
+
+def _without_minimum(drives: Sequence[str]) -> list[str]:
+    if not drives:
+        return []
+    return [
+        f"NO minimum was found of what {len(drives)} of the drives have of their own, as their "
+        f"start poses ({_some(drives)}): leave them out. Of a vehicle of which these are more than "
+        "a tenth of the drives, no parameter is shown"
     ]
 
 
@@ -345,6 +383,19 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
             if not drive.complete
         ]
     )
+    lines += _without_minimum(
+        [
+            f"{name}/{drive.name}"
+            for name, vehicle in fleet.vehicles.items()
+            for drive in vehicle.drives
+            if not drive.converged
+        ]
+    )
+    lines += _not_heard(
+        (f"{name}/{drive.name}", drive.unheard)
+        for name, vehicle in fleet.vehicles.items()
+        for drive in vehicle.drives
+    )
     lines += _of_another_file(
         {
             f"{name}/{drive.name}": drive.vehicle_hash
@@ -378,12 +429,20 @@ def remarks_on_drives(
         Whether the intervals count the error of smoothing the speed.
     """
     from parameter_identification.drives.measured import Sensor
+    from parameter_identification.drives.samples import missing
     from parameter_identification.estimation.redrawn import SCATTERED
     from trajectory_recorder.bag.reader import NOT_WHOLE
 
     for drive in (*used, *held_out):
         if not drive.complete:
             yield f"{drive.name}: its bag is {NOT_WHOLE}; used as far as it goes"
+        duration = drive.commands.duration
+        for sensor in (Sensor.POSITION, Sensor.YAW_RATE, Sensor.LATERAL_ACCELERATION):
+            signal = drive.signals.get(sensor)
+            if signal is not None and (lost := missing(signal.time, 0.0, duration)):
+                what = f"samples of {sensor.value} are missing for {lost:.1f} of {duration:.1f} s"
+                yield f"{drive.name}: {what}"
+    yield from _not_heard((drive.name, drive.unheard) for drive in (*used, *held_out))
     hashes = {drive.name: drive.vehicle_hash for drive in (*used, *held_out)}
     yield from _of_another_file(hashes, found.vehicle_hash)
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
