@@ -276,6 +276,8 @@ def identified(paths, vehicle):
     for name, e in found.parameters.items():
         shown = "" if e.identifiable else "  not shown"
         print(f"{name:27} {e.estimate:8.4g} [{e.low:.4g}, {e.high:.4g}] {e.unit}{shown}")
+    if not found.converged:
+        print("no minimum was found: nothing is shown")
     print(f"{len(found.coloured)} of {len(found.whiteness)} channels of {len(drives)} not white")
 
 
