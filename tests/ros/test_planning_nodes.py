@@ -401,6 +401,9 @@ def test_on_the_way_back_the_origin_is_told_now_and_then_and_a_failed_link_refus
     def answer(level):
         status = DiagnosticStatus(level=level, name="tricycle_bridge: steer PLC", message="how")
         diagnostics.publish(DiagnosticArray(status=[status]))
+        # while it is being stopped, each refusal is logged into a pipe that nobody empties
+        asked_at = time.monotonic()
+        chain.observer.wait(lambda: time.monotonic() > asked_at + 0.1, "a tenth of a second")
         return chain.observer.call("maneuver_driver/go_back")
 
     failed = "tricycle_bridge: steer PLC: how"

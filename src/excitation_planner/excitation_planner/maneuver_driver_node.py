@@ -54,10 +54,8 @@ except ImportError:
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # of any publisher
 OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 PREFLIGHT_EVERY = 1.0  # s between looks at what a start needs
-REPORTING = (
-    "tricycle_bridge: ",
-    "trajectory_recorder: ",
-)  # beginnings of names of diagnostics that the pre-flight shows
+# beginnings of the names of diagnostics that the pre-flight shows
+REPORTING = "tricycle_bridge: ", "trajectory_recorder: "
 STATE_EVERY = 0.5  # s between repeated state messages while running
 ORIGIN_EVERY = 0.5  # s at least between poses at which a maneuver would start
 ORIGIN_STEP = 0.05  # m or rad by which they differ at least
