@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, driven, planned
 
+from excitation_planner.design import jobs
+from excitation_planner.design.jobs import versions
 from excitation_planner.maneuver import Circle
 from parameter_identification import many_drives, vehicle_fit
 from parameter_identification.drives.imported import recording_of, write_bag
@@ -334,6 +336,19 @@ def test_a_worker_that_dies_is_told(tmp_path):
         executor.submit(os._exit, 1)
         with pytest.raises(IdentificationError, match="a worker died"):
             identify_many([tmp_path], VEHICLE, folder=tmp_path / "work", executor=executor)
+
+
+def _older():
+    jobs.versions = lambda: (("tricycle-excitation", "0.0.9"), *versions()[1:])
+
+
+def test_a_worker_of_another_version_gets_no_work(tmp_path):
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_older) as executor,
+        pytest.raises(IdentificationError, match=r"has tricycle-excitation 0\.0\.9 instead of "),
+    ):
+        list(each(executor, Path.touch, [tmp_path / "worked"]))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

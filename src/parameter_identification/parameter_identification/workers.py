@@ -1,9 +1,16 @@
-"""Jobs done in order by the workers of an executor, or by this process; a dead worker is told."""
+"""Jobs done in order by the workers of an executor, or by this process.
+
+A worker that dies is told, and one of other versions refuses its work.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
+import cloudpickle
+
+from excitation_planner.design.jobs import difference_from, versions
 from tricycle_core.errors import IdentificationError
 
 T = TypeVar("T")
@@ -25,10 +32,14 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
     Raises
     ------
     IdentificationError
-        If a worker dies.
+        If a worker dies, or has other versions than this process.
     """
+    if executor is None:
+        yield from map(work, jobs)
+        return
+    packed = (cloudpickle.dumps((work, job)) for job in jobs)
     try:
-        yield from map(work, jobs) if executor is None else executor.map(work, jobs)
+        yield from executor.map(partial(_done, versions()), packed)
     except Exception as error:
         # dask gives a task to other workers first, and then raises an error of its own
         of_dask = type(error).__module__.startswith("distributed.")
@@ -37,3 +48,11 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
         raise IdentificationError(
             "a worker died; was memory short? The same call goes on with the drives that were read"
         ) from error
+
+
+def _done(expected: tuple[tuple[str, str], ...], packed: bytes) -> Any:
+    """Do a job, which is unpacked only where the versions are the same."""
+    if different := difference_from(expected):
+        raise IdentificationError(different)
+    work, job = cloudpickle.loads(packed)
+    return work(job)

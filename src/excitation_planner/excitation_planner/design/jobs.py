@@ -307,6 +307,28 @@ def versions() -> tuple[tuple[str, str], ...]:
     return (("tricycle-excitation", __version__), ("Python", python), *packages)
 
 
+def difference_from(expected: tuple[tuple[str, str], ...]) -> str:
+    """Return how the versions of this worker differ from those of the caller; empty: not at all.
+
+    Parameters
+    ----------
+    expected : tuple of (str, str)
+        `versions` of the caller.
+    """
+    here = dict(versions())
+    different = [
+        f"{name} {here.get(name, 'missing')} instead of {version}"
+        for name, version in expected
+        if here.get(name) != version
+    ]
+    if not different:
+        return ""
+    return (
+        f"worker {platform.node()}, process {os.getpid()}, has {', '.join(different)}: install the "
+        "same there, or leave it out"
+    )
+
+
 def do(
     expected: tuple[tuple[str, str], ...],
     work: Any,
@@ -333,17 +355,8 @@ def do(
     DesignError
         This process has other versions.
     """
-    if expected != versions():
-        here = dict(versions())
-        different = [
-            f"{name} {here.get(name, 'missing')} instead of {version}"
-            for name, version in expected
-            if here.get(name) != version
-        ]
-        raise DesignError(
-            f"worker {platform.node()}, process {os.getpid()}, has {', '.join(different)}: install "
-            "the same there, or leave it out"
-        )
+    if different := difference_from(expected):
+        raise DesignError(different)
     done = _loaded(work) if isinstance(work, bytes) else work
     began = time.perf_counter()
     results = [done(job) for job in jobs]
