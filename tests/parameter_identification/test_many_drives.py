@@ -157,6 +157,14 @@ def test_a_bag_that_was_read_is_not_read_again(bags, tmp_path, monkeypatch):
     ]
 
 
+def test_progress_goes_on_after_the_bags_are_read(bags, tmp_path, monkeypatch):
+    monkeypatch.setattr(vehicle_fit, "TOLERANCE", 1e-8)  # so that a second pass is needed
+    told = []
+    identify_many(bags[:2], VEHICLE, folder=tmp_path, progress=lambda *step: told.append(step))
+    assert told[:4] == [(1, 4), (2, 4), (4, 4), (6, 6)]
+    assert all(done == total for done, total in told[2:])
+
+
 @pytest.mark.slow
 def test_drives_are_named_by_the_bags_that_are_given(bags, tmp_path, monkeypatch):
     work = tmp_path / "work"

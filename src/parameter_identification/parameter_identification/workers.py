@@ -12,9 +12,45 @@ import cloudpickle
 
 from excitation_planner.design.jobs import difference_from, versions
 from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import Progress
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+
+class Steps:
+    """Counts work that is done, and tells it.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with the number of steps done, and that in all as far as it is known.
+    """
+
+    def __init__(self, progress: Progress | None = None) -> None:
+        self._progress, self._done, self._total = progress, 0, 0
+
+    def expect(self, count: int) -> None:
+        """Take what is left, as far as it is known now.
+
+        Parameters
+        ----------
+        count : int
+            Number of steps.
+        """
+        self._total = self._done + count
+
+    def did(self, count: int = 1) -> None:
+        """Count further steps.
+
+        Parameters
+        ----------
+        count : int
+            Number of steps.
+        """
+        self._done += count
+        if self._progress is not None:
+            self._progress(self._done, self._total)
 
 
 def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -> Iterator[R]:
@@ -37,7 +73,7 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
     if executor is None:
         yield from map(work, jobs)
         return
-    packed = (cloudpickle.dumps((work, job)) for job in jobs)
+    packed = [cloudpickle.dumps((work, job)) for job in jobs]
     try:
         yield from executor.map(partial(_done, versions()), packed)
     except Exception as error:
