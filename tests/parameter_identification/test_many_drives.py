@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from signal import SIGINT
@@ -344,6 +344,19 @@ def test_a_worker_that_dies_is_told(tmp_path):
         executor.submit(os._exit, 1)
         with pytest.raises(IdentificationError, match="a worker died"):
             identify_many([tmp_path], VEHICLE, folder=tmp_path / "work", executor=executor)
+
+
+class Cancelling(Executor):
+    """As of a scheduler that was lost."""
+
+    def submit(self, *_, **__):
+        (future := Future()).cancel()
+        return future
+
+
+def test_work_that_is_cancelled_is_told():
+    with pytest.raises(IdentificationError, match=r"cancelled its work: .* The same call goes on"):
+        list(each(Cancelling(), abs, [1]))
 
 
 def _older():

@@ -4,13 +4,13 @@ A worker that dies is told, and one of other versions refuses its work.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from functools import partial
 from typing import Any, TypeVar
 
 import cloudpickle
 
-from excitation_planner.design.jobs import difference_from, versions
+from excitation_planner.design.jobs import CANCELLED, difference_from, versions
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
 
@@ -68,7 +68,7 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
     Raises
     ------
     IdentificationError
-        If a worker dies, or has other versions than this process.
+        If a worker dies, has other versions than this process, or the work is cancelled.
     """
     if executor is None:
         yield from map(work, jobs)
@@ -79,10 +79,12 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
     except Exception as error:
         # dask gives a task to other workers first, and then raises an error of its own
         of_dask = type(error).__module__.startswith("distributed.")
-        if not (of_dask or isinstance(error, BrokenExecutor)):
+        if not (of_dask or isinstance(error, BrokenExecutor | CancelledError)):
             raise
+        cancelled = isinstance(error, CancelledError)
+        why = f"{CANCELLED}." if cancelled else "a worker died; was memory short?"
         raise IdentificationError(
-            "a worker died; was memory short? The same call goes on with the drives that were read"
+            f"{why} The same call goes on with the drives that were read"
         ) from error
 
 

@@ -12,7 +12,13 @@ import platform
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+)
 from contextlib import suppress
 from functools import lru_cache
 from importlib import metadata
@@ -26,6 +32,9 @@ from tricycle_core.errors import DesignError, ExcitationError
 from tricycle_core.optional import optional
 
 _LOGGER = logging.getLogger(__name__)
+
+CANCELLED = "the executor has cancelled its work: it was shut down, or its scheduler is lost"
+"""Why there is no result of a future that somebody has cancelled."""
 
 TRIES = 3
 """Times that jobs are sent again in a row without a result in between."""
@@ -230,6 +239,8 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
             # a result that is fetched while its worker dies: distributed unpacks what is not there
             self._send_again("dask lost a result with its worker")
             return
+        if isinstance(error, CancelledError):
+            raise DesignError(CANCELLED) from error
         if not isinstance(error, BrokenExecutor):
             raise DesignError(
                 f"a worker could not do its work, {type(error).__name__}: "
