@@ -19,6 +19,8 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.fleet import DAY, course, identify_fleet
+from trajectory_recorder.bag.topics import Topic
+from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.main import main
 from tricycle_cli.reports.remarks import remarks_on_fleet
 from tricycle_core.errors import IdentificationError
@@ -134,6 +136,13 @@ def test_paths_that_are_no_bags_are_told_as_such(tmp_path, capsys, monkeypatch):
     assert "trike_2" in said
     assert "trike_3" not in said
     assert said.endswith("; …\n")
+
+
+def test_a_vehicle_without_a_name_is_none(tmp_path, capsys):
+    with BagWriter(tmp_path / "drive", metadata={"vehicle_id": " "}) as bag:
+        bag.add_topic(Topic("/odom", "nav_msgs/msg/Odometry"))
+    assert main(["fleet", "identify", str(tmp_path / "drive"), "--vehicles", "vehicle_id"]) == 2
+    assert "drive: 'vehicle_id' of its metadata is empty" in capsys.readouterr().err
 
 
 @pytest.mark.slow

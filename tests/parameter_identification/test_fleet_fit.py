@@ -54,7 +54,7 @@ def test_the_vehicle_that_has_no_minimum_is_named(fits, monkeypatch):
 def test_a_cost_that_falls_nowhere_is_no_minimum(monkeypatch):
     """Its slope and its values contradict each other."""
 
-    def contradicting(fits, points, _):
+    def contradicting(fits, points, *_):
         empty = np.empty((0, 1))
         return [
             VehicleCost(p, 1.0 + abs(p[0]), np.array([5.0]), np.eye(1), empty, ()) for p in points

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from signal import SIGINT
@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, driven, planned
 
+from excitation_planner.design import jobs
+from excitation_planner.design.jobs import versions
 from excitation_planner.maneuver import Circle
 from parameter_identification import many_drives, vehicle_fit
 from parameter_identification.drives.imported import recording_of, write_bag
@@ -153,6 +155,14 @@ def test_a_bag_that_was_read_is_not_read_again(bags, tmp_path, monkeypatch):
     assert [e.estimate for e in again.parameters.values()] == [
         e.estimate for e in first.parameters.values()
     ]
+
+
+def test_progress_goes_on_after_the_bags_are_read(bags, tmp_path, monkeypatch):
+    monkeypatch.setattr(vehicle_fit, "TOLERANCE", 1e-8)  # so that a second pass is needed
+    told = []
+    identify_many(bags[:2], VEHICLE, folder=tmp_path, progress=lambda *step: told.append(step))
+    assert told[:4] == [(1, 4), (2, 4), (4, 4), (6, 6)]
+    assert all(done == total for done, total in told[2:])
 
 
 @pytest.mark.slow
@@ -334,6 +344,32 @@ def test_a_worker_that_dies_is_told(tmp_path):
         executor.submit(os._exit, 1)
         with pytest.raises(IdentificationError, match="a worker died"):
             identify_many([tmp_path], VEHICLE, folder=tmp_path / "work", executor=executor)
+
+
+class Cancelling(Executor):
+    """As of a scheduler that was lost."""
+
+    def submit(self, *_, **__):
+        (future := Future()).cancel()
+        return future
+
+
+def test_work_that_is_cancelled_is_told():
+    with pytest.raises(IdentificationError, match=r"cancelled its work: .* The same call goes on"):
+        list(each(Cancelling(), abs, [1]))
+
+
+def _older():
+    jobs.versions = lambda: (("tricycle-excitation", "0.0.9"), *versions()[1:])
+
+
+def test_a_worker_of_another_version_gets_no_work(tmp_path):
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_older) as executor,
+        pytest.raises(IdentificationError, match=r"has tricycle-excitation 0\.0\.9 instead of "),
+    ):
+        list(each(executor, Path.touch, [tmp_path / "worked"]))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from parameter_identification.fleet_fit import FleetFit, FleetPosterior
 from parameter_identification.many_bags import NAMED, read_bags, some_of
 from parameter_identification.many_drives import ManyDrives, begin, result_of
 from parameter_identification.vehicle_fit import descend, drop_without_inputs
+from parameter_identification.workers import Steps
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.effects import effects_of
@@ -152,7 +153,8 @@ def identify_fleet(
     seed : int
         Seed of the starts.
     progress : callable, optional
-        Called with the number of bags read and vehicles fitted alone, and that of both in all.
+        Called with the number of bags read, vehicles begun and drives fitted, again in each pass
+        over them, and that of all as far as it is known.
 
     Raises
     ------
@@ -162,15 +164,10 @@ def identify_fleet(
     """
     check_level(level)
     _check_names(vehicle, shared, own, changing)
-    steps = sum(map(len, bags.values())) + len(bags)
-
-    def tell(done: int) -> None:
-        if progress is not None:
-            progress(done, steps)
-
+    (steps := Steps(progress)).expect(2 * sum(map(len, bags.values())) + len(bags))
     files, known, left_out = _usable_drives(
         bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
-        progress=lambda done, _: tell(done), other_vehicle=other_vehicle,
+        steps=steps, other_vehicle=other_vehicle,
     )  # fmt: skip
     when, unit = _times(files, known, changing)
     fits = begin(
@@ -182,13 +179,13 @@ def identify_fleet(
         executor,
         changing=changing,
         since=lambda time: (time - when) / unit,
-        progress=lambda done, count: tell(steps - count + done),
+        steps=steps,
     )
     left_out += drop_without_inputs(fits, known, executor, leave_out=leave_out)
-    descend(fits, executor, list(files))
+    descend(fits, executor, list(files), steps=steps)
     names = list(vehicle.unknown)
     fleet = FleetFit(fits, sorted(names.index(name) for name in shared))
-    fleet.descend(executor)
+    fleet.descend(executor, steps)
     posterior = fleet.posterior(level)
     alike = posterior.shared(level)
     vehicles = {}
@@ -221,7 +218,7 @@ def _usable_drives(
     executor: Executor | None,
     leave_out: bool,
     topics: TopicNames | None,
-    progress: Progress,
+    steps: Steps,
     other_vehicle: bool,
 ) -> tuple[dict[str, list[Path]], dict[Path, Path], list[str]]:
     """Kept drives by vehicle, the kept drive of each bag, and why bags are left out."""
@@ -235,7 +232,7 @@ def _usable_drives(
         raise IdentificationError(f"{twice} is given twice")
     known, left_out = read_bags(
         every, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
-        progress=progress, other_vehicle=other_vehicle,
+        steps=steps, other_vehicle=other_vehicle,
     )  # fmt: skip
     files = {
         name: usable

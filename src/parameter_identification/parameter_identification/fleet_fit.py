@@ -29,6 +29,7 @@ from parameter_identification.vehicle_fit import (
     descend,
 )
 from parameter_identification.vehicle_scatter import VehicleScatter, scatter_of
+from parameter_identification.workers import Steps
 from tricycle_core.quantities import FloatArray
 
 TAKEN_OUT = 0.999  # share of a rate's prior: what is left keeps a single drive's rate finite
@@ -49,13 +50,15 @@ class FleetFit:
     fits: Sequence[VehicleFit]
     common: Sequence[int]
 
-    def descend(self, executor: Executor | None) -> None:
+    def descend(self, executor: Executor | None, steps: Steps | None = None) -> None:
         """Bring all vehicles to the best fit of all drives together.
 
         Parameters
         ----------
         executor : concurrent.futures.Executor, optional
             Default: this process.
+        steps : Steps, optional
+            As of `vehicle_fit.descend`.
 
         Raises
         ------
@@ -71,7 +74,7 @@ class FleetFit:
         points += self._arrow(points).step(low - points, high - points)
         for fit, point in zip(self.fits, points, strict=True):
             fit.at = point
-        descend([self], executor, ["all vehicles together"])
+        descend([self], executor, ["all vehicles together"], steps=steps)
 
     def trial(self, length: float) -> tuple[list[FloatArray], float]:
         """Return the point (n,) of each vehicle after a step, and the decrease of the cost by it.

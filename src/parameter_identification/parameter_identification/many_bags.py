@@ -18,9 +18,9 @@ from parameter_identification.estimation.checks import (
     check_signs,
     same_drives,
 )
-from parameter_identification.workers import each
+from parameter_identification.workers import Steps, each
 from tricycle_core.errors import ExcitationError, IdentificationError, naming
-from tricycle_core.quantities import FloatArray, Progress
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 
 NAMED = 3  # bags in a message, of many that are at fault
@@ -34,7 +34,7 @@ def read_bags(
     executor: Executor | None,
     leave_out: bool,
     topics: TopicNames | None,
-    progress: Progress | None,
+    steps: Steps,
     other_vehicle: bool = False,
 ) -> tuple[dict[Path, Path], list[str]]:
     """Keep the drives of bags; return the file of each that can be used, and why others cannot.
@@ -53,8 +53,8 @@ def read_bags(
         Whether bags that cannot be used are left out, instead of being an error.
     topics : TopicNames, optional
         Names of the topics, where they differ from the suite's.
-    progress : callable, optional
-        Called with the number of bags read and in all.
+    steps : Steps
+        Takes a step for each bag.
     other_vehicle : bool
         Whether drives may have been planned for another vehicle, as for `identify_many`.
 
@@ -68,9 +68,7 @@ def read_bags(
     positions: list[FloatArray] = []  # of each
     left_out: list[str] = []
     jobs = [(bag, vehicle, folder, topics, other_vehicle) for bag in bags]
-    for done, (bag, (file, reason)) in enumerate(
-        zip(bags, each(executor, _read, jobs), strict=True), start=1
-    ):
+    for bag, (file, reason) in zip(bags, each(executor, _read, jobs), strict=True):
         if reason and not leave_out:
             raise IdentificationError(reason)
         if reason:
@@ -78,8 +76,7 @@ def read_bags(
         else:
             known.append((bag, file))
             positions.append(positions_of(file))
-        if progress is not None:
-            progress(done, len(bags))
+        steps.did()
     same = same_drives(positions)
     for later, earlier in same.items():
         left_out.append(f"{known[later][0]} and {known[earlier][0]} are the same drive")

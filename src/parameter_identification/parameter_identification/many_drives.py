@@ -47,7 +47,7 @@ from parameter_identification.vehicle_fit import (
     drop_without_inputs,
 )
 from parameter_identification.vehicle_scatter import scatter_of
-from parameter_identification.workers import each
+from parameter_identification.workers import Steps, each
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.effects import Effect, effects_of
@@ -147,7 +147,8 @@ def identify_many(
     seed : int
         Seed of the starts.
     progress : callable, optional
-        Called with the number of bags read and in all.
+        Called with the number of bags read and drives fitted, again in each pass over them, and
+        that of both in all as far as it is known.
 
     Raises
     ------
@@ -156,15 +157,16 @@ def identify_many(
     """
     check_level(level)
     estimated = effects_of(vehicle, effects)
+    (steps := Steps(progress)).expect(2 * len(bags))
     files, left_out = read_bags(
         bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
-        progress=progress, other_vehicle=other_vehicle,
+        steps=steps, other_vehicle=other_vehicle,
     )  # fmt: skip
     if not files:
         raise IdentificationError(f"no drive: nothing to identify from{some_of(left_out)}")
     (fit,) = fits = begin([list(files.values())], vehicle, estimated, prior, seed, executor)
     left_out += drop_without_inputs(fits, files, executor, leave_out=leave_out)
-    descend(fits, executor)
+    descend(fits, executor, steps=steps)
     average = None
     if weighed and fit.setting.shared:
         average = _weigh(fit)
@@ -181,7 +183,7 @@ def begin(
     *,
     changing: Sequence[str] = (),
     since: Callable[[float], float] = lambda _: 0.0,
-    progress: Progress | None = None,
+    steps: Steps | None = None,
 ) -> list[VehicleFit]:
     """Return where vehicles are searched from: the best fit of a few of their drives.
 
@@ -203,8 +205,8 @@ def begin(
         Parameters that change linearly in time.
     since : callable
         Time in units of the rates, of that in seconds since 1970.
-    progress : callable, optional
-        Called with the number of vehicles done and in all.
+    steps : Steps, optional
+        Takes a step for each vehicle.
     """
     before = box_prior(vehicle, prior)
     jobs = [(own, vehicle, tuple(effects), before, seed, bool(changing)) for own in files]
@@ -228,8 +230,8 @@ def begin(
         )
         when = np.array([since(time.began) if rates else 0.0 for time in times])
         fits.append(VehicleFit(own, setting, variables, when, np.append(at, np.zeros(len(rates)))))
-        if progress is not None:
-            progress(len(fits), len(files))
+        if steps is not None:
+            steps.did()
     return fits
 
 

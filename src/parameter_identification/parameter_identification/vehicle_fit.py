@@ -6,7 +6,7 @@ those that its drives have in common, and the rates of parameters that change in
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +23,7 @@ from parameter_identification.estimation.shares import (
     missing_inputs,
     share_of,
 )
-from parameter_identification.workers import each
+from parameter_identification.workers import Steps, each
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 
@@ -243,7 +243,10 @@ def _missing_inputs(job: tuple[FitSetting, Path]) -> str:
 
 
 def evaluate(
-    fits: Sequence[VehicleFit], points: Sequence[FloatArray], executor: Executor | None
+    fits: Sequence[VehicleFit],
+    points: Sequence[FloatArray],
+    executor: Executor | None,
+    steps: Steps,
 ) -> list[VehicleCost]:
     """Return the cost of vehicles near points, by one pass over all their drives.
 
@@ -255,6 +258,8 @@ def evaluate(
         Point of each vehicle's variables near which its cost is wanted.
     executor : concurrent.futures.Executor, optional
         Default: this process.
+    steps : Steps
+        Takes a step for each drive.
     """
     jobs, designs = [], []
     for fit, point in zip(fits, points, strict=True):
@@ -269,7 +274,14 @@ def evaluate(
         for first in range(0, drives, DRIVES_PER_TASK):
             some = slice(first, first + DRIVES_PER_TASK)
             jobs.append((fit.setting, fit.files[some], places[some], before[some]))
-    shares = itertools.chain.from_iterable(each(executor, _evaluate, jobs))
+    steps.expect(sum(len(fit.files) for fit in fits))
+
+    def shares_of(evaluated: Iterator[list[DriveShare]]) -> Iterator[DriveShare]:
+        for some in evaluated:
+            steps.did(len(some))
+            yield from some
+
+    shares = shares_of(each(executor, _evaluate, jobs))
     return [
         _summed(s.variables, point, of_drives, list(itertools.islice(shares, len(s.files))))
         for s, point, of_drives in zip(fits, points, designs, strict=True)
@@ -308,7 +320,11 @@ def _summed(
 
 
 def descend(
-    descents: Sequence[Descent], executor: Executor | None, names: Sequence[str] = ()
+    descents: Sequence[Descent],
+    executor: Executor | None,
+    names: Sequence[str] = (),
+    *,
+    steps: Steps | None = None,
 ) -> None:
     """Bring the vehicles of each descent to their least cost, all in the same passes.
 
@@ -320,14 +336,18 @@ def descend(
         Default: this process.
     names : sequence of str
         Names of the descents, for the message.
+    steps : Steps, optional
+        Takes a step for each drive in each pass over them.
 
     Raises
     ------
     IdentificationError
         If the minimum of one is not found.
     """
+    steps = steps or Steps()
     every = [fit for descent in descents for fit in descent.fits]
-    for fit, cost in zip(every, evaluate(every, [f.at for f in every], executor), strict=True):
+    costs = evaluate(every, [fit.at for fit in every], executor, steps)
+    for fit, cost in zip(every, costs, strict=True):
         fit.here = cost
     lengths = dict.fromkeys(range(len(descents)), 1.0)
     for _ in range(PASSES):
@@ -348,7 +368,7 @@ def descend(
         if not trials:
             return
         moved = [fit for i in trials for fit in descents[i].fits]
-        evaluated = iter(evaluate(moved, list(itertools.chain(*trials.values())), executor))
+        evaluated = iter(evaluate(moved, list(itertools.chain(*trials.values())), executor, steps))
         for i, points in trials.items():
             descent, costs = descents[i], list(itertools.islice(evaluated, len(points)))
             if descent.total(costs) < descent.total([fit.quadratic for fit in descent.fits]):

@@ -145,6 +145,24 @@ def namespace(text: str) -> str:
     return text
 
 
+def key_and_value(text: str) -> str:
+    """Return a text as it is given, as the recorder takes entries of metadata.
+
+    Parameters
+    ----------
+    text : str
+        ``key=value``.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it has no key or no ``=``.
+    """
+    if text.find("=") < 1:
+        raise ArgumentTypeError(f"{text!r}: needs key=value")
+    return text
+
+
 def parameter_name(text: str) -> str:
     """Return the name of a parameter; it may be typed with `-` or `_`.
 

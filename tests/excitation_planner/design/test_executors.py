@@ -315,6 +315,19 @@ def test_workers_that_all_hang_are_reported(caplog):
     assert len(caplog.messages) == 3
 
 
+class Cancelling(Executor):
+    """As of a scheduler that was lost."""
+
+    def submit(self, *_, **__):
+        (future := Future()).cancel()
+        return future
+
+
+def test_work_that_is_cancelled_is_reported():
+    with pytest.raises(DesignError, match="the executor has cancelled its work"):
+        small_design(must_not_run, executor=Cancelling())
+
+
 def _older() -> None:
     jobs.versions = lambda: (("tricycle-excitation", "0.0.9"), *versions()[1:])
 

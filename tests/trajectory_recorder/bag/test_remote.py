@@ -1,7 +1,9 @@
 """Bags behind URLs: the same messages as from here, few bytes, and no short bag by a bad answer."""
 
+import shutil
 import sys
 import threading
+from itertools import count
 
 import numpy as np
 import pytest
@@ -59,6 +61,8 @@ def test_a_bag_on_a_web_server_is_read_as_from_here(folder):
 )
 def test_the_state_of_a_file_is_what_any_store_calls_it(key):
     class Store:
+        def invalidate_cache(self): ...
+
         def info(self, path):
             return {"name": path, "size": 10, key: self.told}
 
@@ -192,6 +196,25 @@ def test_changed_bytes_are_a_damaged_chunk(folder):
         pytest.raises(BagError, match="damaged at byte"),
     ):
         there(f"{server.url}/bag/bag_0.mcap")
+
+
+@pytest.mark.parametrize("seconds", [10, 50], ids=["damage", "the same so far"])
+def test_a_bag_that_changes_while_it_is_read_is_said(folder, tmp_path, seconds):
+    shutil.copytree(folder / "bag", tmp_path / "bag")
+    write_camera_bag(tmp_path / "other", seconds)
+    file, chunks = tmp_path / "bag" / "bag_0.mcap", count()
+
+    def answer(*_):
+        if next(chunks) == 5:
+            file.write_bytes((tmp_path / "other" / "other_0.mcap").read_bytes())
+        return False
+
+    with (
+        WebServer(tmp_path, answer) as server,
+        BagReader(bag_path(f"{server.url}/bag/bag_0.mcap")) as bag,
+        pytest.raises(BagError, match=r"bag_0\.mcap: changed while it was read"),
+    ):
+        list(bag.messages([WANTED]))
 
 
 def test_a_server_without_parts_of_files_is_said(folder):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tricycle_cli.commands import record
 from tricycle_core.errors import BagError
 
 
@@ -21,6 +22,7 @@ def test_mistakes(tricycle, bag, arguments, error, reason):
     [
         ("record", "--duration", "-3"),
         ("record", "--split-size", "big"),
+        ("record", "--metadata", "vehicle_id"),
     ],
 )
 def test_mistyped_options_are_argparses(tricycle, arguments, capsys):
@@ -28,3 +30,13 @@ def test_mistyped_options_are_argparses(tricycle, arguments, capsys):
         tricycle(*arguments)
     assert status.value.code == 2
     assert capsys.readouterr().err
+
+
+def test_entries_of_the_metadata_are_given_to_the_recorder(tricycle, tmp_path, monkeypatch):
+    def parameters_of(name, parameters, **_):
+        assert parameters["metadata"] == ["vehicle_id=trike_7", "site=yard=2"]
+        return 3
+
+    monkeypatch.setattr(record, "run_in_foreground", parameters_of)
+    entries = "vehicle_id=trike_7", "site=yard=2"
+    assert tricycle("record", "--output", str(tmp_path / "b"), "--metadata", *entries) == 3

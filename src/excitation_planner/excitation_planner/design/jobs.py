@@ -12,7 +12,13 @@ import platform
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+)
 from contextlib import suppress
 from functools import lru_cache
 from importlib import metadata
@@ -26,6 +32,9 @@ from tricycle_core.errors import DesignError, ExcitationError
 from tricycle_core.optional import optional
 
 _LOGGER = logging.getLogger(__name__)
+
+CANCELLED = "the executor has cancelled its work: it was shut down, or its scheduler is lost"
+"""Why there is no result of a future that somebody has cancelled."""
 
 TRIES = 3
 """Times that jobs are sent again in a row without a result in between."""
@@ -230,6 +239,8 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
             # a result that is fetched while its worker dies: distributed unpacks what is not there
             self._send_again("dask lost a result with its worker")
             return
+        if isinstance(error, CancelledError):
+            raise DesignError(CANCELLED) from error
         if not isinstance(error, BrokenExecutor):
             raise DesignError(
                 f"a worker could not do its work, {type(error).__name__}: "
@@ -307,6 +318,28 @@ def versions() -> tuple[tuple[str, str], ...]:
     return (("tricycle-excitation", __version__), ("Python", python), *packages)
 
 
+def difference_from(expected: tuple[tuple[str, str], ...]) -> str:
+    """Return how the versions of this worker differ from those of the caller; empty: not at all.
+
+    Parameters
+    ----------
+    expected : tuple of (str, str)
+        `versions` of the caller.
+    """
+    here = dict(versions())
+    different = [
+        f"{name} {here.get(name, 'missing')} instead of {version}"
+        for name, version in expected
+        if here.get(name) != version
+    ]
+    if not different:
+        return ""
+    return (
+        f"worker {platform.node()}, process {os.getpid()}, has {', '.join(different)}: install the "
+        "same there, or leave it out"
+    )
+
+
 def do(
     expected: tuple[tuple[str, str], ...],
     work: Any,
@@ -333,17 +366,8 @@ def do(
     DesignError
         This process has other versions.
     """
-    if expected != versions():
-        here = dict(versions())
-        different = [
-            f"{name} {here.get(name, 'missing')} instead of {version}"
-            for name, version in expected
-            if here.get(name) != version
-        ]
-        raise DesignError(
-            f"worker {platform.node()}, process {os.getpid()}, has {', '.join(different)}: install "
-            "the same there, or leave it out"
-        )
+    if different := difference_from(expected):
+        raise DesignError(different)
     done = _loaded(work) if isinstance(work, bytes) else work
     began = time.perf_counter()
     results = [done(job) for job in jobs]

@@ -128,6 +128,9 @@ class LocalFile:
             Offsets of the range that is read next.
         """
 
+    def check_unchanged(self) -> None:
+        """Do nothing: a recorder may still add to it."""
+
     def close(self) -> None:
         """Close the file."""
         if self._fd >= 0:
@@ -251,12 +254,20 @@ class McapFile:
             c for c in self._chunks if not c.indexes or not names.keys().isdisjoint(c.indexes)
         ]
         for chunk, run in zip(wanted, _runs(wanted), strict=True):
-            indexes = [offset for id_, offset in chunk.indexes.items() if id_ in names]
-            yield Block(chunk.start, self._in_chunk(chunk, run, indexes, names))
+            messages = self._in_chunk(chunk, run, names)
+            if chunk is wanted[-1]:
+                messages = self._and_unchanged(messages)
+            yield Block(chunk.start, messages)
+
+    def _and_unchanged(self, messages: Iterator[RecordedMessage]) -> Iterator[RecordedMessage]:
+        """The last messages that are read; an error if they may be those of another file."""
+        yield from messages
+        self._source.check_unchanged()
 
     def _in_chunk(
-        self, chunk: _Chunk, run: tuple[int, int], indexes: list[int], names: Mapping[int, str]
+        self, chunk: _Chunk, run: tuple[int, int], names: Mapping[int, str]
     ) -> Iterator[RecordedMessage]:
+        indexes = [offset for id_, offset in chunk.indexes.items() if id_ in names]
         self._source.expect(*run)
         try:
             record = self._read(chunk.offset, chunk.length)
@@ -267,6 +278,7 @@ class McapFile:
         except BagError:
             raise
         except _DAMAGED as error:
+            self._source.check_unchanged()
             failure = self._failure(chunk.offset, error)
             if self._damaged is None:
                 raise failure from error

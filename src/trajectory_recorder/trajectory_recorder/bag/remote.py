@@ -6,7 +6,6 @@ bag; what is in it is checked by the sums of MCAP.
 
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,6 +56,7 @@ class RemoteFile:
         self._ahead, self._most = AHEAD
         self._held = (0, b"")
         self._file: Any = None
+        self._state = _state_of(path)
         size = patiently(path, lambda: getattr(self._opened(), "size", None))
         if not isinstance(size, int):
             self.close()
@@ -97,6 +97,11 @@ class RemoteFile:
         if not (first <= start and end <= first + len(data)):
             self._held = (0, b"")  # not two of them at once
             self._held = (start, self._fetch(start, min(end, self.size)))
+
+    def check_unchanged(self) -> None:
+        """Compare what the server says of the file with what it said when the file was opened."""
+        if _state_of(self._path) != self._state:
+            raise BagError(f"{self._path}: changed while it was read; read it again")
 
     def close(self) -> None:
         """Give back connection and memory."""
@@ -163,12 +168,16 @@ def remote_state(path: Path) -> list[tuple[str, ...]]:
     BagError
         As `remote_files`.
     """
+    return [_state_of(file) for file in remote_files(path)[1]]
 
-    def state(file: Any) -> tuple[str, ...]:
+
+def _state_of(file: Any) -> tuple[str, ...]:
+    def ask() -> tuple[str, ...]:
+        file.fs.invalidate_cache()  # listings of a folder are kept
         told = {key.lower().replace("_", "-"): v for key, v in file.fs.info(file.path).items()}
         return tuple(f"{key}={told[key]}" for key in _STATE if key in told)
 
-    return [patiently(file, partial(state, file)) for file in remote_files(path)[1]]
+    return patiently(file, ask)
 
 
 def _content(path: Any) -> bytes | None:

@@ -270,7 +270,9 @@ def _entry(key: str, bag: Path) -> str:
     from trajectory_recorder.bag.reader import BagReader
 
     with BagReader(bag) as reader:
-        if key not in reader.metadata:
-            known = ", ".join(reader.metadata) or "none"
-            raise BagError(f"{bag}: its metadata has no {key!r}; there is: {known}")
-        return reader.metadata[key]
+        if name := reader.metadata.get(key, "").strip():
+            return name
+        if key in reader.metadata:
+            raise BagError(f"{bag}: {key!r} of its metadata is empty")
+        known = ", ".join(reader.metadata) or "none"
+        raise BagError(f"{bag}: its metadata has no {key!r}; there is: {known}")

@@ -241,7 +241,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         check_output_files((args.output / name for name in FILES), args)
     vehicle = load_vehicle(args.vehicle)
     asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
-    with processes(args.workers) as executor, progress_bar("reading drives") as progress:
+    with processes(args.workers) as executor, progress_bar("reading and fitting") as progress:
         identification = identify_many(
             args.drives,
             asked if args.hold_others else vehicle,

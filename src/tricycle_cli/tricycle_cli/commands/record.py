@@ -6,12 +6,13 @@ import math
 from datetime import datetime
 from pathlib import Path
 
-from tricycle_cli.argument_types import nonnegative_number
+from tricycle_cli.argument_types import key_and_value, nonnegative_number
 from tricycle_cli.operation.processes import run_in_foreground
 
 EXAMPLE = """\
 examples:
   tricycle record --output bags/first
+  tricycle record --metadata vehicle_id=trike_7
   tricycle record --topics '*' --exclude '/camera/*'
   tricycle record --topics 'maneuver/*' odom /imu --split-duration 60 --compression lz4
 """
@@ -31,6 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--output", type=Path, metavar="DIR", help="bag to create (default: bags/<date and time>)")
     add("--topics", nargs="+", metavar="TOPIC", help="names; * and ? match anything")
     add("--exclude", nargs="+", metavar="TOPIC", help="names not to record, of those")
+    add(
+        "--metadata",
+        type=key_and_value,
+        nargs="+",
+        metavar="KEY=VALUE",
+        help="entries of the bag's metadata, as vehicle_id=trike_7",
+    )
     add("--compression", choices=["zstd", "lz4", "none"], default="zstd", help="of chunks")
     new_file = "begin a new file after (default: never)"
     add("--split-size", type=nonnegative_number, default=0.0, metavar="MB", help=new_file)
@@ -76,9 +84,9 @@ def run(args: argparse.Namespace) -> int:
         "exit_on_failure": True,
         "use_sim_time": args.use_sim_time,
     }
-    for name in ("topics", "exclude"):
-        if topics := getattr(args, name):
-            parameters[name] = topics
+    for name in ("topics", "exclude", "metadata"):
+        if given := getattr(args, name):
+            parameters[name] = given
     duration = math.inf if args.duration is None else args.duration
     status = run_in_foreground("trajectory_recorder", parameters, duration=duration, since=output)
     if not output.exists():  # the node has said why
