@@ -1,8 +1,10 @@
 """The whole plan of the vehicle: both maneuvers, both targets, six parameters; time and optimum.
 
-    python benchmarks/plan.py [--criterion h] [--direct]
+    python benchmarks/plan.py [--criterion h] [--earlier STD] [--direct]
 
 The last line compares the time with that of the same number of simulations alone, on all cores.
+With --earlier 0.1 --criterion c they are planned as a step of a campaign: earlier drives have left
+normally distributed parameters with this standard deviation, in ranges, about their middle.
 With --direct each optimum stands beside that of DIRECT on the cost itself, over the same samples,
 on as many maneuvers. Both are judged by the same fresh samples.
 """
@@ -13,6 +15,7 @@ import time
 import numpy as np
 
 from excitation_planner import Criterion, Search
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver
@@ -41,9 +44,13 @@ def simulating(request, plan):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--criterion", type=Criterion, default=Criterion.H)
+    parser.add_argument("--earlier", type=float, metavar="STD", help="left by earlier drives")
     parser.add_argument("--direct", action="store_true", help="DIRECT beside it")
     arguments = parser.parse_args()
     vehicle, whole, alone = load_vehicle(), 0.0, 0.0
+    k, prior = len(vehicle.unknown), None
+    if arguments.earlier is not None:
+        prior = BoxPrior(np.full(k, 0.5), arguments.earlier**2 * np.eye(k))
     searches = (Search.ADAPTIVE, Search.DIRECT) if arguments.direct else (Search.ADAPTIVE,)
     for name in ("circle", "double_lane_change"):
         for target in ("cornering_stiffness", "camber_stiffness"):
@@ -55,6 +62,7 @@ def main():
                     target,
                     criterion=arguments.criterion,
                     search=search,
+                    prior=prior,
                 )
                 begun = time.perf_counter()
                 plan = plan_maneuver(request)

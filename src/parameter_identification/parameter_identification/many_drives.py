@@ -207,7 +207,7 @@ def begin(
         Called with the number of vehicles done and in all.
     """
     before = box_prior(vehicle, prior)
-    jobs = [(own, vehicle, tuple(effects), before, seed) for own in files]
+    jobs = [(own, vehicle, tuple(effects), before, seed, bool(changing)) for own in files]
     fits = []
     for own, (setting, at) in zip(files, each(executor, _begin, jobs), strict=True):
         shared, k, names = setting.shared, len(before.mean), list(vehicle.unknown)
@@ -234,10 +234,10 @@ def begin(
 
 
 def _begin(
-    job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], BoxPrior, int],
+    job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], BoxPrior, int, bool],
 ) -> tuple[FitSetting, FloatArray]:
     """The best fit of a few drives, among them one with each sensor, and the sensors' noise."""
-    files, vehicle, effects, prior, seed = job
+    files, vehicle, effects, prior, seed, changing = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
     drives: dict[Path, MeasuredDrive] = {file: load_kept(file) for file in files if file in chosen}
     # where the servo is of another kind, the other drives are of no use
@@ -250,7 +250,7 @@ def _begin(
         if not known >= (more := measured_in(file)):
             drives[file] = load_kept(file)
             known |= more
-    return first_fit(list(drives.values()), vehicle, effects, prior, seed)
+    return first_fit(list(drives.values()), vehicle, effects, prior, seed, changing=changing)
 
 
 @dataclass(frozen=True, eq=False)

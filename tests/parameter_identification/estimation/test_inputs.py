@@ -102,6 +102,19 @@ def test_a_lag_is_not_taken_for_tyres_far_from_the_file(worlds, seed):
     assert measured_inputs(drives, VEHICLE, Inputs.EITHER) == {Input.SPEED}
 
 
+def test_tyres_that_change_between_drives_are_no_other_speed_loop():
+    drives = [
+        driven(
+            commands_of_pair()["circle"],
+            truth=np.append(stiffness * TRUTH[:1], TRUTH[1:]),
+            others={Sensor.WHEEL_SPEED: SensorNoise(0.001)},
+        )
+        for stiffness in (0.8, 1.2)
+    ]
+    assert measured_inputs(drives, VEHICLE, Inputs.EITHER) == {Input.SPEED}
+    assert measured_inputs(drives, VEHICLE, Inputs.EITHER, changing=True) == set()
+
+
 @pytest.mark.parametrize(
     "changes", [{"speed_gain_proportional": 10.0, "speed_gain_integral": 10.0}, {"mass": 53.0}]
 )

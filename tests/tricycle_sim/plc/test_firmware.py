@@ -13,6 +13,7 @@ import pytest
 from cobs import cobs
 from plc_bench import Bench, Fault, Op, Result, State
 
+from parameter_identification.drives.measured import PULSE_JITTER, Signal
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import DecoderCounters, FrameDecoder, encode
 from tricycle_bridge.protocol.messages import MAJOR, MESSAGES, Board, Ping, from_plc, layout
@@ -319,6 +320,24 @@ def test_the_speed_of_a_ramp_does_not_lag(drive_library):
     assert speeds[100:] == pytest.approx(acceleration * times[100:], abs=0.015)
     # a pulse is 15 mm; what was travelled is known to a fraction of one
     assert np.cumsum(travels)[30:] == pytest.approx(0.5 * times[30:] ** 2, abs=0.01)
+
+
+def test_the_identification_allows_for_the_errors_of_speeds_from_pulses(drive_library):
+    """A vehicle that reaches its speed: the board carries the speed on by the slope before."""
+
+    def way(t):
+        return np.where(t < 1.0, 0.75 * t**2, 0.75 + 1.5 * (t - 1.0))
+
+    speeds, _ = _hall(drive_library, way, 400)
+    time = 0.01 * np.arange(1, 401)
+    told = time > 0.4
+    true = np.minimum(1.5 * time, 1.5)[told]
+    errors = speeds[told] - true
+    signal = Signal(time[told], speeds[told, np.newaxis], PULSE_JITTER)
+    allowed = np.hypot(1e-3, signal.stamp_errors(np.gradient(true, time[told])))
+    steady = time[told] > 1.05
+    assert np.abs(errors[steady]).max() > 8e-3  # the slope is 0 there, and was 1.5 m/s^2
+    assert np.all(np.abs(errors) <= 3.0 * allowed)
 
 
 def test_noise_on_the_hall_line_is_an_overspeed_not_an_overflow(drive_library):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from parameter_identification.drives.poses import PlanarTrajectory
 from parameter_identification.drives.samples import MAX_GAP, Samples, common_times
@@ -67,7 +68,8 @@ STAMP_JITTER = {
     Sensor.WHEEL_SPEEDS: 0.005,
     Sensor.MOTOR_TORQUE: 0.005,
 }
-PULSE_JITTER = 0.03  # s, of wheel speeds from pulses: carried on by an acceleration of a while ago
+PULSE_JITTER = 0.03  # s, of wheel speeds from pulses
+CARRIED = 1.0  # s, such a speed is carried on by an acceleration that may be so old
 DEAD_ZONE = 5.0  # median steps between low speeds, from which the first ones are not the wheel's
 FIRST_STEPS = 3  # from standstill that are looked at
 RESOLVED = 4.5  # of the slowest speed above the dead zone, from which pulses tell a speed
@@ -119,6 +121,26 @@ class Signal:
         """
         inside = (self.time >= start) & (self.time <= end)
         return replace(self, time=self.time[inside], values=self.values[inside])
+
+    @property
+    def of_pulses(self) -> bool:
+        """Whether it is a wheel speed from pulses."""
+        return self.jitter >= PULSE_JITTER
+
+    def stamp_errors(self, slopes: FloatArray) -> FloatArray:
+        """Return the standard deviation (m,) of each sample's error by its stamp.
+
+        Parameters
+        ----------
+        slopes : ndarray of float, shape (m,)
+            How fast the values change, per second.
+        """
+        sizes = np.abs(slopes)
+        if self.of_pulses and len(sizes) > 1:
+            n = max(1, round(CARRIED / float(np.median(np.diff(self.time)))))
+            sizes = sliding_window_view(np.pad(sizes, (n - 1, 0)), n).max(axis=1)
+        errors: FloatArray = self.jitter * sizes
+        return errors
 
     def channels(self, sensor: Sensor) -> tuple[str, ...]:
         """Return the name of each column.

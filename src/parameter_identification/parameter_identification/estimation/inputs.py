@@ -13,7 +13,7 @@ from parameter_identification.drives.following import (
     has_gains,
     servo_response,
 )
-from parameter_identification.drives.measured import PULSE_JITTER, Input, MeasuredDrive, Sensor
+from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import Columns
 from parameter_identification.estimation.model import DriveModel
@@ -75,7 +75,7 @@ def effects_of_columns(columns: Columns) -> tuple[str, ...]:
 
 
 def measured_inputs(
-    drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs
+    drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs, *, changing: bool = False
 ) -> frozenset[Input]:
     """Return the inputs that the model takes from measurement instead of from commands.
 
@@ -87,6 +87,9 @@ def measured_inputs(
         The gains of its servo and speed loop, and their dead times, may be others.
     inputs : Inputs
         Choice of the inputs.
+    changing : bool
+        Whether parameters may differ between the drives, which no one vehicle then fits. Each is
+        looked at alone, in which a slight lag of the speed loop may pass for other tyres.
 
     Raises
     ------
@@ -122,12 +125,21 @@ def measured_inputs(
         )
     if other:
         followed.add(Input.STEERING)
-    if Input.SPEED in in_all and all(
-        max(speed_misfits(drives[:FITTED], vehicle, effects, followed)) > OTHER_LOOP
-        for effects in (LOADING, _LOADING_TOO)  # the first mostly do, in a third of the time
-    ):
+    fitted = drives[:FITTED]
+    groups = [[drive] for drive in fitted] if changing else [fitted]
+    if Input.SPEED in in_all and any(_other_loop(g, vehicle, followed) for g in groups):
         followed.add(Input.SPEED)
     return frozenset(followed)
+
+
+def _other_loop(
+    drives: Sequence[MeasuredDrive], vehicle: Vehicle, followed: Collection[Input]
+) -> bool:
+    """Whether no speed loop of the vehicle file's kind moves the wheels as on these drives."""
+    return all(
+        max(speed_misfits(drives, vehicle, effects, followed)) > OTHER_LOOP
+        for effects in (LOADING, _LOADING_TOO)  # the first mostly do, in a third of the time
+    )
 
 
 def speed_misfits(
@@ -163,7 +175,8 @@ def speed_misfits(
     for drive, own in zip(drives, predictions, strict=True):
         (p,) = (p for p in own if p.sensor is Sensor.WHEEL_SPEED)
         wheels, rates = drive.signals[p.sensor], np.gradient(p.values[:, 0], p.time)
-        noise = _sensor_noise(p.time, wheels.values[:, 0], rates, wheels.jitter)
+        stamps = wheels.stamp_errors(rates)
+        noise = _sensor_noise(p.time, wheels.values[:, 0], stamps, alike=wheels.of_pulses)
         found.append(float(np.sqrt(np.mean((p.residual[:, 0] / noise) ** 2))))
     return found
 
@@ -202,15 +215,17 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
         off, [1.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=[1e-3, 0.05]
     )
     rates = np.gradient(servo_response(setpoints, vehicle), TICK)
-    noise = _sensor_noise(measured.time, measured.values, np.std(rates), READ)
+    noise = _sensor_noise(measured.time, measured.values, READ * np.std(rates))
     return float(np.sqrt(np.mean((least.fun / noise) ** 2)))
 
 
 def _sensor_noise(
-    time: FloatArray, values: FloatArray, rates: ArrayLike, jitter: float
+    time: FloatArray, values: FloatArray, stamps: ArrayLike, *, alike: bool = False
 ) -> FloatArray:
-    """Standard deviations of samples whose values change at rates, with jitter of stamps [s]."""
-    # a speed from pulses is the same for several samples: they err alike, by up to a step
-    rounding = resolution(values) / (1.0 if jitter >= PULSE_JITTER else math.sqrt(12.0))
+    """Standard deviations of samples to which the errors of their stamps add so much.
+
+    A speed from pulses is the same for several samples: they err alike, by up to a step.
+    """
+    rounding = resolution(values) / (1.0 if alike else math.sqrt(12.0))
     white = max(white_level(time, values[:, np.newaxis]), rounding)
-    return np.maximum(np.hypot(white, jitter * np.asarray(rates)), 1e-9)
+    return np.maximum(np.hypot(white, stamps), 1e-9)

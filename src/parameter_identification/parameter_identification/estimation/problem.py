@@ -443,7 +443,7 @@ class LeastSquares(Closing):
         signal = self.models[drive].drive.signals[p.sensor]
         slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
         alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
-        return SampleWeights(_run_weights(signal.values), alike * (slope * signal.jitter) ** 2)
+        return SampleWeights(_run_weights(signal.values), alike * signal.stamp_errors(slope) ** 2)
 
     def _innovations(self, p: Prediction, plain: SampleWeights) -> FloatArray:
         """Largest innovation (m,) of each sample, in standard deviations."""

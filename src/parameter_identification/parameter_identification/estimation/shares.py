@@ -122,6 +122,8 @@ def first_fit(
     effects: Sequence[Effect],
     prior: BoxPrior,
     seed: int,
+    *,
+    changing: bool = False,
 ) -> tuple[FitSetting, FloatArray]:
     """Return noise and common variables (c,) of the best fit of a few drives together.
 
@@ -137,10 +139,12 @@ def first_fit(
         Prior of the parameters, in their ranges.
     seed : int
         Seed of the starts.
+    changing : bool
+        Whether parameters may differ between the drives.
     """
     near, known = None, (prior.mean, prior.information)
     with threadpool_limits(1, user_api="blas"):
-        measured = measured_inputs(drives, vehicle, Inputs.EITHER)
+        measured = measured_inputs(drives, vehicle, Inputs.EITHER, changing=changing)
         if effects:  # without them a search takes a tenth of the time
             models = [DriveModel(vehicle, drive, measured=measured) for drive in drives]
             with LeastSquares(models, *known, Loss.SQUARED) as without:
