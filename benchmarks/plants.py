@@ -75,6 +75,15 @@ from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
 WAYS = ("ISO", "random", "designed", "counted", "again")
+DRAWN = {
+    "guess": "the vehicle file",
+    "ISO": "middle of the boxes",
+    "random": "random",
+    "designed": "designed",
+    "counted": "designed,\neffects counted",
+    "again": "designed with what\nthe middle showed",
+}
+"""Names of the rows in the figure."""
 DURATION = 12.0  # s of every drive that is fitted
 SENSORS = {
     Sensor.POSITION: SensorNoise(0.01),
@@ -426,14 +435,14 @@ def draw(printed, figure):
         elif row := re.match(r"  (\w+) +(\d+) \((\d+) to (\d+)\)", line):
             rows[row[1]] = [float(number) for number in row.groups()[1:]]
     canvas = Figure(figsize=(9.0, 3.2), layout="constrained")
-    for axes, (title, rows) in zip(
-        np.atleast_1d(canvas.subplots(1, len(trials))), trials.items(), strict=True
-    ):
+    panels = canvas.subplots(1, len(trials), sharey=True, squeeze=False)[0]
+    for axes, (title, rows) in zip(panels, trials.items(), strict=True):
         middle, low, high = np.array(list(rows.values())).T
-        axes.errorbar(middle, list(rows), xerr=[middle - low, high - middle], fmt="o", capsize=4)
+        names = [DRAWN[way] for way in rows]
+        axes.errorbar(middle, names, xerr=[middle - low, high - middle], fmt="o", capsize=4)
         axes.set(title=title, xlabel="RMS distance of prediction and truth / mm", xlim=(0, None))
-        axes.invert_yaxis()
         axes.grid(axis="x", alpha=0.3)
+    panels[0].invert_yaxis()  # of all
     canvas.savefig(figure)
 
 

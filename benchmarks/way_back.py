@@ -17,7 +17,6 @@ import numpy as np
 from excitation_planner.area.area import Area
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.localisation import PlanarState
-from excitation_planner.plan_parts import AREA_PARTS
 from excitation_planner.playback import Playback
 from excitation_planner.schedule import Schedule
 from excitation_planner.vehicle_watch import VehicleWatch
@@ -97,10 +96,14 @@ def go_back(vehicle: Vehicle, start: Pose, goal: Pose, seed: int, area: Area = Y
         VehicleWatch(odom_timeout=0.5), max_deviation=1.0, chassis=chassis_of(vehicle)
     )
     playback.load(Schedule(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2)))
-    ground = area.frame, tuple(area.within(area.margin))
-    parts = dict(zip(AREA_PARTS, (ground, footprint_of(vehicle), goal, np.zeros(2)), strict=True))
-    for name, part in parts.items():
-        playback.parts.add_area(name, part)
+    playback.parts.add_area(
+        {
+            "ground": (area.frame, area.within(area.margin)),
+            "footprint": footprint_of(vehicle),
+            "planned_start": goal,
+            "twist": np.zeros(2),
+        }
+    )
     began, pending = rig.time, None
     while rig.time - began < LONGEST:
         now = rig.time

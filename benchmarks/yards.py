@@ -48,7 +48,6 @@ from excitation_planner.design.problem import DRAWS
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.localisation import PlanarState
 from excitation_planner.maneuver import family_by_name, family_names, with_ranges
-from excitation_planner.plan_parts import AREA_PARTS
 from excitation_planner.planning import PlanRequest, plan_maneuver
 from excitation_planner.planning.prediction import replayed
 from excitation_planner.planning.replay import nominal_commands
@@ -270,10 +269,14 @@ def driven(area, plan, fault, seed):
     playback.load(Schedule(commands.time, commands.steering_motor_angle, rates))
     playback.parts.add_path(plan.path)
     fence = plan.fence
-    ground = fence.frame, tuple(fence.ground)
-    parts = ground, fence.footprint, fence.start, fence.curvature
-    for part, value in zip(AREA_PARTS, parts, strict=True):
-        playback.parts.add_area(part, value)
+    playback.parts.add_area(
+        {
+            "ground": (fence.frame, fence.ground),
+            "footprint": fence.footprint,
+            "planned_start": fence.start,
+            "twist": fence.curvature,
+        }
+    )
     fault_at = math.inf if fault == "none" else rng.uniform(0.05, 0.95) * commands.duration
     began, started, pending, frozen, track, ended = rig.time, None, None, None, [], None
     while ended is None or rig.time < ended + 5.0:

@@ -57,10 +57,14 @@ def test_what_the_fence_stops_stays_within_its_margin(
         Schedule(np.array([0.0, 60.0]), np.zeros(2), np.full(2, speed / VEHICLE.tyre_radius))
     )
     playback.parts.add_path(np.array([[0.0, 0.0], [60.0, 0.0]]))
-    playback.parts.add_area("ground", ("odom", Area(KEEP_IN, margin=MARGIN).within(MARGIN)))
-    playback.parts.add_area("footprint", footprint)
-    playback.parts.add_area("planned_start", (0.0, 0.0, 0.0))
-    playback.parts.add_area("twist", np.zeros(2))
+    playback.parts.add_area(
+        {
+            "ground": ("odom", Area(KEEP_IN, margin=MARGIN).within(MARGIN)),
+            "footprint": footprint,
+            "planned_start": (0.0, 0.0, 0.0),
+            "twist": np.zeros(2),
+        }
+    )
     if boards == "emulated":
         rig = EmulatedRig(vehicle)
     else:

@@ -141,7 +141,7 @@ def led_along(pose_at, until, lead_in=0.9):
     playback = ready()
     playback.load(Schedule(np.array([0.0, 2.0]), np.array([0.1, 0.1]), np.array([1.0, 1.0])), 7)
     playback.parts.add_path(PATH, 7)
-    playback.parts.add_area("ground", ("", ()), 7)
+    playback.parts.add_area({"ground": ("", ())}, 7)
     playback.parts.add_lead_in(lead_in, 7)
     playback.start(10.0)
     for t in np.arange(10.0, 10.0 + PREPARATION + until, 0.01):
@@ -367,7 +367,7 @@ def test_without_anything_the_preflight_says_what_is_missing():
 
 def test_a_pose_that_jumps_at_rest_refuses_the_start_until_it_has_stayed_for_a_second():
     playback = ready()
-    playback.parts.add_area("ground", ("", ()))
+    playback.parts.add_area({"ground": ("", ())})
     away = replace(AT_REST, x=3.0)
     playback.observe(away, 10.05, 10.05)
     with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
@@ -699,9 +699,8 @@ PARTS = {
 def fenced(now=10.0, **parts):
     """A playback on an area, 0.5 s before row 0; `None` leaves a part out."""
     playback = ready(now)
-    for part, value in (PARTS | parts).items():
-        if value is not None:
-            playback.parts.add_area(part, value)
+    come = {part: value for part, value in (PARTS | parts).items() if value is not None}
+    playback.parts.add_area(come)
     playback.observe(AT_REST_IN_ODOM, now, now)
     return playback
 
@@ -725,11 +724,11 @@ def test_what_would_not_stay_on_its_area_is_not_started(parts, refusal):
 
 def test_an_area_of_another_stamp_means_no_start_and_an_empty_one_no_fence():
     playback = ready()
-    playback.parts.add_area("ground", ("odom", (YARD,)), stamp=1)
+    playback.parts.add_area({"ground": ("odom", (YARD,))}, stamp=1)
     with pytest.raises(PlanError, match="nothing on maneuver/ground with the stamp"):
         playback.start(10.0)
     playback = ready()
-    playback.parts.add_area("ground", ("", ()))
+    playback.parts.add_area({"ground": ("", ())})
     playback.start(10.0)
     assert not playback.fenced
 
@@ -738,7 +737,7 @@ def test_a_plan_whose_ground_is_still_on_its_way_is_not_started_without_it():
     playback = ready(ground_needed=True)
     with pytest.raises(PlanError, match=r"nothing on maneuver/ground .* or set unfenced_plans"):
         playback.start(10.0)
-    playback.parts.add_area("ground", ("", ()))
+    playback.parts.add_area({"ground": ("", ())})
     playback.start(10.0)
     assert not playback.fenced
 

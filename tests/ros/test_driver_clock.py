@@ -39,7 +39,7 @@ def test_a_clock_that_is_set_back_ends_the_run_at_once(ros_environment):
     try:
         playback.load(Schedule(np.array([0.0, 60.0]), np.zeros(2), np.zeros(2)))
         playback.parts.add_path(np.array([[0.0, 0.0], [1.0, 0.0]]))
-        playback.parts.add_area("ground", ("", ()))
+        playback.parts.add_area({"ground": ("", ())})
         now = driver._now()
         playback.observe(PlanarState(0.0, 0.0, 0.0, 0.0), now, now)
         playback.hear(Readiness(armed=True), now)

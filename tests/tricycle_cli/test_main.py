@@ -120,6 +120,7 @@ def test_help_fits_a_terminal_of_80_columns(command, capsys, monkeypatch):
         ("idnetify bag", "invalid choice: 'idnetify'; did you mean identify?"),
         ("plan --targets mass", "tricycle plan: error: unrecognized arguments: --targets"),
         ("plan --targets mass", "did you mean --target? (see tricycle plan --help)"),
+        ("drive p.json --overwrite", "arguments: --overwrite (see tricycle drive --help)"),
         ("demo --seed -4", "argument --seed: '-4': needs a whole number, 0 or more"),
         ("plan --budget 1.5", "argument --budget: '1.5': needs a whole number (see"),
         ("plan --noise-std -1cm", "argument --noise-std: '-1cm': needs a number (see"),

@@ -20,6 +20,13 @@ def test_a_bar_is_wiped_where_its_work_fails(fails, capsys, monkeypatch):
     assert shown.endswith("\x1b[1A\x1b[2K") == fails
 
 
+def test_nothing_is_shown_where_work_fails_and_no_terminal_can_wipe_it(capsys):
+    with suppress(ZeroDivisionError), progress_bar("working") as report:
+        report(1, 2)
+        _ = 1 / 0
+    assert capsys.readouterr().err == ""
+
+
 def test_what_is_logged_has_a_line_of_its_own_above_the_bar(capsys, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")

@@ -23,6 +23,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from excitation_planner.localisation import PlanarState
+from excitation_planner.plan_parts import AreaParts
 from excitation_planner.playback import Playback
 from excitation_planner.preflight import RECORDER, Check, Report, clock, commanders, recording
 from excitation_planner.schedule import MAX_ROWS, Schedule
@@ -38,7 +39,6 @@ from tricycle_core.joints import JOINTS, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.namesakes import namesakes
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, publisher_names, run_node
-from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
 from tricycle_core.readiness import Readiness
@@ -98,32 +98,33 @@ def _planar_state(message: Odometry) -> PlanarState:
     )
 
 
-def _ground(message: PolygonStamped) -> tuple[str, tuple[FloatArray, ...]]:
+def _ground(message: PolygonStamped) -> AreaParts:
     """Frame and rings; z of a corner is the number of its ring."""
     corners = [(p.x, p.y, p.z) for p in message.polygon.points]
     if len(corners) > MAX_ROWS:
         raise PlanError(f"{len(corners)} corners; at most {MAX_ROWS}")
     x, y, ring = np.array(corners).reshape(-1, 3).T
     points = np.column_stack([x, y])
-    return message.header.frame_id, tuple(points[ring == number] for number in np.unique(ring))
+    rings = tuple(points[ring == number] for number in np.unique(ring))
+    return {"ground": (message.header.frame_id, rings)}
 
 
-def _footprint(message: PolygonStamped) -> FloatArray:
-    return np.array([(p.x, p.y) for p in message.polygon.points]).reshape(-1, 2)
+def _footprint(message: PolygonStamped) -> AreaParts:
+    return {"footprint": np.array([(p.x, p.y) for p in message.polygon.points]).reshape(-1, 2)}
 
 
-def _planned_start(message: PoseStamped) -> Pose:
+def _planned_start(message: PoseStamped) -> AreaParts:
     position, orientation = message.pose.position, message.pose.orientation
     if not is_unit(orientation):
         raise PlanError("orientation is not a unit quaternion")
-    return position.x, position.y, yaw_of(orientation)
+    return {"planned_start": (position.x, position.y, yaw_of(orientation))}
 
 
-def _curvature(message: MultiDOFJointTrajectory) -> FloatArray:
-    """Turn rate at 1 m/s of each command (c,) [1/m]."""
+def _twist(message: MultiDOFJointTrajectory) -> AreaParts:
+    """Curvature: the turn rate at 1 m/s."""
     if any(len(point.velocities) != 1 for point in message.points):
         raise PlanError("every row needs one velocity")
-    return np.array([point.velocities[0].angular.z for point in message.points])
+    return {"twist": np.array([point.velocities[0].angular.z for point in message.points])}
 
 
 def _summary(playback: Playback) -> str:
@@ -131,11 +132,11 @@ def _summary(playback: Playback) -> str:
     return ": ".join(filter(None, (playback.state.value, playback.reason)))
 
 
-AREA_MESSAGES: dict[str, tuple[type, Callable[[Any], Any]]] = {
+AREA_MESSAGES: dict[str, tuple[type, Callable[[Any], AreaParts]]] = {
     "ground": (PolygonStamped, _ground),
     "footprint": (PolygonStamped, _footprint),
     "planned_start": (PoseStamped, _planned_start),
-    "twist": (MultiDOFJointTrajectory, _curvature),
+    "twist": (MultiDOFJointTrajectory, _twist),
 }
 
 
@@ -314,9 +315,9 @@ class ManeuverDriver(Node):
         except PlanError as error:
             self.get_logger().error(f"maneuver/lead_in refused: {error}")
 
-    def _on_area(self, part: str, read: Callable[[Any], Any], message: Any) -> None:
+    def _on_area(self, part: str, read: Callable[[Any], AreaParts], message: Any) -> None:
         try:
-            self._playback.parts.add_area(part, read(message), nanoseconds_of(message.header.stamp))
+            self._playback.parts.add_area(read(message), nanoseconds_of(message.header.stamp))
         except PlanError as error:
             self.get_logger().error(f"maneuver/{part} refused: {error}")
 

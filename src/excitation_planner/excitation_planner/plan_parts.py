@@ -1,21 +1,29 @@
 """Messages that accompany a plan's commands: the same stamp, in any order."""
 
 from collections import deque
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 from excitation_planner.area.fence import Fence
+from excitation_planner.area.polygons import Rings
 from excitation_planner.schedule import MAX_ROWS
 from tricycle_core.errors import PlanError
+from tricycle_core.poses import Pose
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import LONGEST
 
 KEPT = 8
 """Paths, lead-ins and areas that are kept until the commands with the same stamp arrive."""
 
-AREA_PARTS = ("ground", "footprint", "planned_start", "twist")
-"""Messages that accompany a plan with an area, each on a topic `maneuver/…`."""
+
+class AreaParts(TypedDict, total=False):
+    """What has come of a plan's area, each on the topic `maneuver/…` of its name."""
+
+    ground: tuple[str, Rings]  # frame and rings [m]; no ring where the plan has no area
+    footprint: FloatArray  # (m, 2) corners in the body frame [m]
+    planned_start: Pose  # m, m, rad
+    twist: FloatArray  # (c,) curvature of each command [1/m]
 
 
 class PlanParts:
@@ -24,7 +32,7 @@ class PlanParts:
     def __init__(self) -> None:
         self._paths: deque[tuple[int, FloatArray]] = deque(maxlen=KEPT)
         self._lead_ins: deque[tuple[int, float]] = deque(maxlen=KEPT)
-        self._areas: dict[int, dict[str, Any]] = {}  # by stamp, part
+        self._areas: dict[int, AreaParts] = {}  # by stamp
 
     def add_path(self, points: FloatArray, stamp: int = 0) -> None:
         """Take the path of the schedule with the same stamp, for the deviation limit.
@@ -67,20 +75,17 @@ class PlanParts:
             raise PlanError(f"end at {end:g} s: needs a time from 0 to {LONGEST:g} s")
         self._lead_ins.append((stamp, end))
 
-    def add_area(self, part: str, value: Any, stamp: int = 0) -> None:
-        """Take one of the `AREA_PARTS` of the schedule with the same stamp.
+    def add_area(self, some: AreaParts, stamp: int = 0) -> None:
+        """Take one or more parts of the area of the schedule with the same stamp.
 
         Parameters
         ----------
-        part : str
-            One of `AREA_PARTS`.
-        value : object
-            Ground: frame and rings, none where the plan has no area. Footprint: corners (m, 2) [m].
-            Planned start: x, y [m] and heading [rad]. Twist: curvature of each command [1/m].
+        some : AreaParts
+            Parts that have come.
         stamp : int
-            Stamp of its message [ns]; parts and schedule may come in any order.
+            Stamp of their message [ns]; parts and schedule may come in any order.
         """
-        self._areas.setdefault(stamp, {})[part] = value
+        self._areas.setdefault(stamp, {}).update(some)
         if len(self._areas) > KEPT:
             del self._areas[next(iter(self._areas))]  # the oldest
 
@@ -128,7 +133,7 @@ class PlanParts:
         parts = self._areas.get(stamp, {})
         if "ground" in parts and not parts["ground"][1]:
             return None
-        if missing := [part for part in AREA_PARTS if part not in parts]:
+        if missing := [part for part in AreaParts.__annotations__ if part not in parts]:
             raise PlanError(
                 f"nothing on maneuver/{missing[0]} with the stamp of the commands; publish both "
                 "with one stamp"

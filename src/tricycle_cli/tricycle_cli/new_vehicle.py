@@ -323,9 +323,10 @@ def _places(answers: Answers, sized: _Sized) -> Iterator[_Estimate]:
         about = "from the share of the weight on the front axle"
         yield _Estimate(f"com_to_{axle}_axle", share * wheelbase, about, "data")
         names = [wheel.name for wheel in sized.wheels if wheel.axle == axle]
-        sides = (0.5, -0.5) if len(names) == 2 else (0.0,)
-        for name, side in zip(names, sides, strict=True):
-            yield _Estimate(f"{name}.y", side * sized.track[axle], "half the track", "data")
+        pair = len(names) == 2
+        about = "half the track" if pair else "on the centre line"
+        for name, side in zip(names, (0.5, -0.5) if pair else (0.0,), strict=True):
+            yield _Estimate(f"{name}.y", side * sized.track[axle], about, "data")
     yield _Estimate("com_height", answers["com_height"], _ANSWERED, "data")
     yield _Estimate("tyre_radius", answers["tyre_radius"], _ANSWERED, "data")
     inertia = 0.8 * 0.04 * answers["mass"] * answers["tyre_radius"] ** 2

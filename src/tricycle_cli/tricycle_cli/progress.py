@@ -43,6 +43,7 @@ def progress_bar(description: str) -> Iterator[Progress]:
             yield lambda done, total: bar.update(task, completed=done, total=total)
         except BaseException:
             bar.live.transient = True  # what is said of the error stands alone
+            console.quiet = not console.is_interactive  # rich ends the bar with an empty line there
             raise
         # what took fewer steps than it might have is done, and nothing is left
         done = bar.tasks[0].completed or 1

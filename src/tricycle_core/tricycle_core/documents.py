@@ -260,7 +260,9 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
             for name in value:
                 if not (isinstance(name, str) and name.isprintable()):
                     what = f"{place}: " if place else ""
-                    raise error(f"{where}: {what}its names must be printable texts")
+                    # YAML reads {x: 0,10} as {x: 0, 10: null}
+                    comma = "; numbers need a decimal point" if isinstance(name, int) else ""
+                    raise error(f"{where}: {what}its names must be printable texts{comma}")
             inner = [(f"{place}.{name}" if place else name, item) for name, item in value.items()]
         elif isinstance(value, list):
             inner = [(place, item) for item in value if isinstance(item, str | list | dict)]

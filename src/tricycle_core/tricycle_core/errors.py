@@ -129,8 +129,9 @@ def did_you_mean(name: object, known: Iterable[object]) -> str:
     known : iterable of object
         Known names.
     """
-    close = get_close_matches(str(name), map(str, known), 1)
-    return f"did you mean {close[0]}?" if close else ""
+    bare = {str(one).lstrip("-"): one for one in known}  # that both are options is no likeness
+    close = get_close_matches(str(name).lstrip("-"), bare, 1)
+    return f"did you mean {bare[close[0]]}?" if close else ""
 
 
 def hint(name: object, known: Iterable[object]) -> str:

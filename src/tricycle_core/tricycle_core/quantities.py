@@ -25,3 +25,21 @@ def with_deviation(estimate: float, std: float) -> str:
     '1095 ± 120'
     """
     return f"{float(f'{estimate:.4g}'):g} ± {float(f'{std:.2g}'):g}"
+
+
+def with_unit(value: str, unit: str) -> str:
+    """Return a value with its unit; that of ratios, 1, is left out.
+
+    Parameters
+    ----------
+    value : str
+        Number or numbers.
+    unit : str
+        Unit as in a vehicle file.
+
+    Examples
+    --------
+    >>> with_unit("0.0045 to 0.0135", "1")
+    '0.0045 to 0.0135'
+    """
+    return value if unit == "1" else f"{value} {unit}"

@@ -68,6 +68,12 @@ def test_impossible_measurements_are_refused(arguments, message):
         MeasurementNoise(**arguments)
 
 
+def test_the_largest_deviation_of_the_message_is_taken():
+    with pytest.raises(PlanError, match=r"noise_std = 10\.1 m must be from 0 to 10"):
+        MeasurementNoise(noise_std=10.1)
+    assert MeasurementNoise(noise_std=10.0).noise_std == 10.0
+
+
 def test_failed_simulations_have_no_part_in_the_noise():
     noise = TrajectoryErrorNoise(0.1)
     assert noise(np.array([1.0, np.nan])) == noise(np.array([1.0]))

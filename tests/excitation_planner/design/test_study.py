@@ -4,12 +4,20 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import fields
+from inspect import signature
 
 import numpy as np
 import pytest
 
 from excitation_planner import Design, Study, TrajectoryErrorNoise, design_excitation
+from excitation_planner.box import Box
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import BoxPrior, NuisanceParameters
+from excitation_planner.design.problem import DesignProblem, Search
 from excitation_planner.design.store import Store
+from excitation_planner.design.study_document import StudyDocument
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 
 OPERATION = {"a": (-1.0, 1.0), "b": (0.0, 2.0)}
@@ -35,6 +43,33 @@ def test_a_number_is_no_trajectory_and_none_a_number(tmp_path):
         study.tell(p.point, [0], np.zeros((1, 3, 2)))
     with pytest.raises(DesignError, match=r"told \(2,\) for 1 samples"):
         study.tell(p.point, [0], np.zeros(2))
+
+
+def test_a_study_has_the_settings_of_a_design_and_their_defaults():
+    call, create = (signature(one).parameters for one in (design_excitation, Study.create))
+    for name in (field.name for field in fields(DesignProblem)):
+        assert create[name].default == call[name].default
+
+
+def test_every_setting_of_a_problem_comes_back_from_its_description():
+    problem = DesignProblem(
+        operation=Box.of(OPERATION),
+        unknown=Box.of(UNKNOWN),
+        target="q",
+        criterion=Criterion.C,
+        noise_variance=2.0,
+        trajectory_noise=TrajectoryNoise(),
+        samples=13,
+        draws=5,
+        budget=5000,
+        seed=7,
+        search=Search.DIRECT,
+        prior=BoxPrior.uniform(2),
+        nuisances=NuisanceParameters(steps=(0.1,)),
+    )
+    found = StudyDocument.of(problem).problem()
+    for name in (field.name for field in fields(DesignProblem)):
+        assert repr(getattr(found, name)) == repr(getattr(problem, name))
 
 
 def by_call(**arguments) -> Design:

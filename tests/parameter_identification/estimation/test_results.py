@@ -35,8 +35,8 @@ def test_combinations_are_read_by_people():
 def test_an_identification_is_a_line_per_parameter():
     assert repr(FOUND).splitlines() == [
         "Identification of tricycle from first; 95% intervals",
-        "  cornering_stiffness  600 (590 to 611)  N/rad",
-        "  yaw_inertia          not shown  kg m^2",
+        "  cornering_stiffness  600 (590 to 611) N/rad",
+        "  yaw_inertia          not shown",
     ]
 
 
@@ -53,6 +53,10 @@ def test_an_identification_as_a_figure():
     first, second = (label.get_text() for label in drawn.get_yticklabels())
     assert first.startswith("cornering stiffness\n500 to 1500 N/rad")
     assert "not shown" in second
+    ratio = dataclasses.replace(FOUND.parameters["yaw_inertia"], unit="1")
+    found = dataclasses.replace(FOUND, parameters=FOUND.parameters | {"yaw_inertia": ratio})
+    drawn = found.plot(Figure().add_subplot())
+    assert drawn.get_yticklabels()[1].get_text().endswith(" to 75")  # not "to 75 1"
 
 
 def test_deviations_are_shown_where_chance_does_not_explain_them():

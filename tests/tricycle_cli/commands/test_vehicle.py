@@ -64,9 +64,10 @@ def test_vehicle_check_warns_about_the_papers_inertia(tricycle, capsys):
     assert "warning: yaw_inertia: 50 kg m^2 is larger" in output
 
 
-def test_the_picture_shows_every_wheel_with_its_load(tricycle, tmp_path):
+def test_the_picture_shows_every_wheel_with_its_load(tricycle, tmp_path, capsys):
     picture = tmp_path / "cargo.svg"
     assert tricycle("vehicle", "check", CARGO, "--draw", picture) == 0
+    assert f"figure: {picture}" in capsys.readouterr().out
     text = picture.read_text()
     assert ElementTree.fromstring(text).tag.endswith("svg")
     for shown in ("left", "right", "rear", "driven", "braked", "95 kg", "wheelbase 1.6 m"):

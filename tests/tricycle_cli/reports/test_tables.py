@@ -272,6 +272,14 @@ def test_what_is_missing_of_a_drive_is_told():
         assert f"1 of the drives have of their own, as their start poses ({name})" in line
 
 
+def test_a_window_of_a_table_does_not_lack_what_is_before_it():
+    _, lane = driven_pair()
+    within = {Sensor.POSITION: lane.signals[Sensor.POSITION].between(3.0, 5.0)}
+    window = dataclasses.replace(lane, signals=within, recording="drive.csv")
+    found = dataclasses.replace(FOUND, noise={Sensor.POSITION: NoiseLevel(0.01)})
+    assert not [*remarks_on_drives(found, [window], [], tables=True, redrawn=False)]
+
+
 def test_drives_with_another_vehicle_file_are_told():
     known = {"same": "abc", "other": "def", "unknown": ""}
     vehicle = found_in(*(share(name, vehicle_hash=file) for name, file in known.items()))

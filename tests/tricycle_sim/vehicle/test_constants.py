@@ -30,6 +30,7 @@ def test_replacing_a_value_changes_the_fingerprint_and_keeps_the_ranges():
     [
         ({"masss": 1.0}, "did you mean mass?"),
         ({"mass": -1.0}, "mass: -1 kg is not in"),
+        ({"friction_coefficient": -1.0}, "friction_coefficient: -1 is not in"),
         ({"mass": math.nan}, "mass: nan"),
         ({"cornering_stiffness": 2000.0}, "outside [500, 1500]"),
         ({"wheel_inertia": 1.0}, "wheel_inertia: no wheel reads it, but front_wheel_inertia and"),

@@ -67,6 +67,7 @@ def constant(name, **entries):
         (constant("mass", about=None), "mass.about: needs a text"),
         (constant("mass", colour="red"), "mass.colour: is not a key"),
         (constant("mass", vale=1), "mass.vale: is not a key of a constant; did you mean value?"),
+        (lambda d: d["constants"]["mass"].update({3: None}), "numbers need a decimal point"),
         (constant("mass", value="5e1"), "not '5e1' (YAML wants 5.0e-4 for 5e-4"),
         (constant("mass", value=None), "mass.value: is missing"),
         (constant("mass", value=10**400), "mass.value: is too large a number"),

@@ -200,7 +200,7 @@ class MeasurementNoise:
         for name, (unit, _) in NOISE_FIELDS.items():
             value = getattr(self, name)
             if name.endswith("_std"):
-                if not 0.0 <= value < 10.0:
+                if not 0.0 <= value <= 10.0:
                     raise PlanError(f"{name} = {value:g} {unit} must be from 0 to 10")
             elif not 0.0 < value <= 1e4:
                 raise PlanError(f"{name} = {value:g} {unit} must be above 0, at most 1e4")

@@ -1,8 +1,8 @@
 """The problem of a study, as ``study.json`` holds it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
@@ -90,40 +90,20 @@ class StudyDocument:
             raise DesignError(
                 "a study needs a noise variance that is a number or TrajectoryErrorNoise"
             )
-        return cls(
-            version=VERSION,
-            operation=problem.operation.bounds(),
-            unknown=problem.unknown.bounds(),
-            target=problem.target,
-            noise_variance=noise,
-            samples=problem.samples,
-            budget=problem.budget,
-            seed=problem.seed,
-            search=problem.search,
-            criterion=problem.criterion,
-            trajectory_noise=problem.trajectory_noise,
-            draws=problem.draws,
-            prior=problem.prior,
-            nuisances=problem.nuisances,
-        )
+        settings = _settings(problem)
+        settings |= {name: settings[name].bounds() for name in ("operation", "unknown")}
+        return cls(version=VERSION, **settings)
 
     def problem(self) -> DesignProblem:
         """Return the problem that is described."""
-        return DesignProblem(
-            operation=Box.of(self.operation),
-            unknown=Box.of(self.unknown),
-            target=self.target,
-            criterion=self.criterion,
-            noise_variance=self.noise_variance,
-            trajectory_noise=self.trajectory_noise,
-            samples=self.samples,
-            draws=self.draws,
-            budget=self.budget,
-            seed=self.seed,
-            search=self.search,
-            prior=self.prior,
-            nuisances=self.nuisances,
-        )
+        settings = _settings(self)
+        settings |= {name: Box.of(settings[name]) for name in ("operation", "unknown")}
+        return DesignProblem(**settings)
+
+
+def _settings(described: "DesignProblem | StudyDocument") -> dict[str, Any]:
+    """Return every field of a problem by name, from the problem or its description."""
+    return {field.name: getattr(described, field.name) for field in fields(DesignProblem)}
 
 
 def load_study_document(path: Path) -> StudyDocument:

@@ -14,7 +14,7 @@ from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.estimation.whiteness import SIGNIFICANCE, Whiteness, coloured
 from tricycle_core.optional import optional, own_axes
 from tricycle_core.palette import BLUE, GREY, VERMILLION
-from tricycle_core.quantities import FloatArray
+from tricycle_core.quantities import FloatArray, with_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,10 +390,13 @@ class IdentifiedParameters:
             if name in self.truth:
                 axes.plot(share(self.truth[name]), row, "x", color=VERMILLION, zorder=3)
             hidden = "" if e.identifiable else " (not shown)"
-            labels.append(f"{name.replace('_', ' ')}{hidden}\n{low:.4g} to {high:.4g} {e.unit}")
+            ends = with_unit(f"{low:.4g} to {high:.4g}", e.unit)
+            labels.append(f"{name.replace('_', ' ')}{hidden}\n{ends}")
         axes.set_yticks(range(len(labels)), labels)
         axes.invert_yaxis()
-        axes.set(xlim=(0, 1), xlabel=f"range; bars: {self.level:.0%} intervals, crosses: truth")
+        truth = ", crosses: truth" if self.truth else ""
+        xlabel = f"place in the range; bars: {self.level:.0%} intervals{truth}"
+        axes.set(xlim=(0, 1), xlabel=xlabel)
         axes.grid(alpha=0.3)
         return axes
 
@@ -512,8 +515,8 @@ class Identification(IdentifiedParameters):
         drives = ", ".join(drive.name for drive in self.drives)
         lines = [f"Identification of {self.vehicle} from {drives}; {self.level:.0%} intervals"]
         for name, e in self.parameters.items():
-            found = f"{e.estimate:.4g} ({e.low:.4g} to {e.high:.4g})"
-            lines.append(f"  {name:{width}}  {found if e.identifiable else 'not shown'}  {e.unit}")
+            found = with_unit(f"{e.estimate:.4g} ({e.low:.4g} to {e.high:.4g})", e.unit)
+            lines.append(f"  {name:{width}}  {found if e.identifiable else 'not shown'}")
         return "\n".join(lines)
 
     @property

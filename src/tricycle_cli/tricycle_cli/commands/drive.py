@@ -17,6 +17,7 @@ from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
+    from tricycle_sim.vehicle import Vehicle
 
 EXAMPLE = """\
 examples:
@@ -84,7 +85,6 @@ def run(args: argparse.Namespace) -> int:
     """
     from excitation_planner.plan import load_plan
     from excitation_planner.planning import check_vehicle
-    from excitation_planner.planning.mirror import mirrored
     from trajectory_recorder.bag.writer import check_new
     from tricycle_cli.operation.session import running_session, simulated_session
     from tricycle_sim.plants.installed import check_plant
@@ -107,21 +107,7 @@ def run(args: argparse.Namespace) -> int:
             check_vehicle(plan, vehicle)
         except PlanError as error:
             raise PlanError(f"{error}, give its file (--vehicle), or --other-vehicle") from error
-    plans = {"": plan}
-    if args.mirror:
-        try:
-            plans["-mirrored"] = mirrored(plan, vehicle)
-        except InfeasibleManeuver as error:
-            raise PlanError(f"{args.plan}: {error}; leave out --mirror") from error
-    drives = [
-        (one, args.bag / f"{number}{side}")
-        for number in range(1, args.repeat + 1)
-        for side, one in plans.items()
-    ]
-    if not series:
-        drives = [(plan, args.bag)]
-    elif args.bag.exists():
-        drives = _not_yet_driven(drives, args.bag)
+    drives = _series(plan, vehicle, args) if series else [(plan, args.bag)]
     whole = args.bag if args.bag.name not in ("", "..") else args.bag.resolve()
     back = whole.with_name(f"{whole.name}.way_back") if args.back else None
     if back is not None:
@@ -151,6 +137,24 @@ def run(args: argparse.Namespace) -> int:
             judge = shlex.join(["tricycle", "judge", str(bag), *_pose_option(bag)])
             print(f"bag: {bag}   judge it: {judge}")
     return 0
+
+
+def _series(plan: Plan, vehicle: Vehicle, args: argparse.Namespace) -> list[tuple[Plan, Path]]:
+    """Repeats of a plan, and of its mirror image, with their bags; without those already driven."""
+    from excitation_planner.planning.mirror import mirrored
+
+    plans = {"": plan}
+    if args.mirror:
+        try:
+            plans["-mirrored"] = mirrored(plan, vehicle)
+        except InfeasibleManeuver as error:
+            raise PlanError(f"{args.plan}: {error}; leave out --mirror") from error
+    drives = [
+        (one, args.bag / f"{number}{side}")
+        for number in range(1, args.repeat + 1)
+        for side, one in plans.items()
+    ]
+    return _not_yet_driven(drives, args.bag) if args.bag.exists() else drives
 
 
 def _not_yet_driven(drives: list[tuple[Plan, Path]], folder: Path) -> list[tuple[Plan, Path]]:

@@ -199,6 +199,8 @@ def run_check(args: argparse.Namespace) -> int:
     )
     for warning in warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    if args.draw is not None:
+        console.print(f"figure: {args.draw}", soft_wrap=True)
     return 0
 
 

@@ -436,6 +436,8 @@ def remarks_on_drives(
     for drive in (*used, *held_out):
         if not drive.complete:
             yield f"{drive.name}: its bag is {NOT_WHOLE}; used as far as it goes"
+        if drive.recording:  # a window lacks no samples, and is not measured before it begins
+            continue
         duration = drive.commands.duration
         for sensor in (Sensor.POSITION, Sensor.YAW_RATE, Sensor.LATERAL_ACCELERATION):
             signal = drive.signals.get(sensor)

@@ -68,8 +68,10 @@ def draw_vehicle(vehicle: Vehicle, path: Path) -> None:
     if any(wheel.braked for wheel in vehicle.wheels):
         handles.append(Patch(facecolor="white", edgecolor=GREY, hatch="///", label="braked"))
     figure.legend(handles=handles, fontsize="small", loc="outside lower center", ncols=3)
-    axes.set(xlabel="y / m, left of the centre of mass", ylabel="x / m, ahead of it")
-    axes.set_aspect("equal")
+    axes.set(
+        xlabel="y / m, left of the centre of mass", ylabel="x / m, ahead of the centre of mass"
+    )
+    axes.set_aspect("equal", anchor="S")  # next to the legend
     axes.margins(x=0.5, y=0.08)
     axes.invert_xaxis()  # y is to the left
     axes.grid(visible=True, color="0.92")

@@ -205,4 +205,6 @@ def _check_keys(
 ) -> None:
     for key in entries:
         if key not in keys:
-            raise VehicleError(f"{place}{key}: is not a key of {what}; {hint(key, keys)}")
+            # YAML reads {value: 48,3} as {value: 48, 3: null}
+            remedy = "numbers need a decimal point" if isinstance(key, int) else hint(key, keys)
+            raise VehicleError(f"{place}{key}: is not a key of {what}; {remedy}")

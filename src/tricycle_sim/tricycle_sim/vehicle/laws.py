@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from tricycle_core.errors import VehicleError
+from tricycle_core.quantities import with_unit
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -59,7 +60,7 @@ class Constant:
             bounds = f"{'[' if self.zero else '('}{low:g}, {high:g}{end}"
             if self.unit == "rad":
                 bounds += f" ({math.degrees(low):.3g} to {math.degrees(high):.3g} deg)"
-            raise VehicleError(f"{where}: {value:g} {self.unit} is not in {bounds}")
+            raise VehicleError(f"{where}: {with_unit(f'{value:g}', self.unit)} is not in {bounds}")
 
 
 def positive(name: str, unit: str, **how: Any) -> Constant:
