@@ -2,6 +2,8 @@
 
 import dataclasses
 from contextlib import suppress
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -139,12 +141,10 @@ def setpoints_for_steering(
     ----------
     P. Craven, G. Wahba, Numerische Mathematik 31 (1979) 377-403: how much is smoothed.
     """
-    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
-
     setpoints = commanded_setpoints(commands, vehicle)
     ticks = TICK * np.arange(len(setpoints))
     expected = np.interp(measured.time, ticks, servo_response(setpoints, vehicle))
-    off = make_smoothing_spline(measured.time, measured.values - expected)
+    off = _smoothed(measured.time, measured.values - expected)
     inside = np.clip(ticks, measured.time[0], measured.time[-1])
     return setpoints, setpoints + steering_setpoints(off(inside), vehicle)
 
@@ -167,8 +167,6 @@ def setpoints_for_speed(
     start : float
         Speed at the start event [m/s].
     """
-    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
-
     batch = CommandedBatch(vehicle, commands, setpoint=start)
     nominal = vehicle.nominal_point()[np.newaxis]
 
@@ -186,7 +184,7 @@ def setpoints_for_speed(
     off = measured.values[:, 0] - np.interp(time, ticks, expected)
     if time[0] > 0.0:  # it begins as the model does
         time, off = np.insert(time, 0, 0.0), np.insert(off, 0, 0.0)
-    rate = expected + make_smoothing_spline(time, off)(np.clip(ticks, time[0], time[-1]))
+    rate = expected + _smoothed(time, off)(np.clip(ticks, time[0], time[-1]))
     speeds = np.abs(commanded[: max(1, len(commanded) - ANSWERED)])
     fast = np.flatnonzero(speeds >= 0.999 * speeds.max())
     steady = fast[len(fast) // 2]
@@ -252,6 +250,18 @@ def speed_followed(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Co
         error = speed - np.append(motion.vx[0], motion.vx[0, -1])[: len(speed)]
         wanted = wanted + error + _ahead(error, SPEED_LAG)
     return Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
+
+
+def _smoothed(time: FloatArray, values: FloatArray) -> Any:
+    """Spline, as smooth as generalised cross-validation says; it takes a second, so it is kept."""
+    return _spline(time.tobytes(), values.tobytes())
+
+
+@lru_cache(maxsize=512)
+def _spline(time: bytes, values: bytes) -> Any:
+    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
+
+    return make_smoothing_spline(np.frombuffer(time), np.frombuffer(values))
 
 
 def _deconvolved(wanted: FloatArray, response: FloatArray) -> FloatArray:
