@@ -633,7 +633,7 @@ class Playback:
             self._line_keeping = None
             return 0.0
         pose = here.after(now - self.watch.stamp)
-        return keeping.steer(pose, here.speed, self.elapsed)
+        return keeping.steer(pose, here.speed, here.yaw_rate, self.elapsed)
 
     @staticmethod
     def _row(schedule: Schedule, elapsed: float) -> int:
