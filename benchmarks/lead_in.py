@@ -17,7 +17,6 @@ import numpy as np
 from excitation_planner import Criterion
 from excitation_planner.localisation import PlanarState
 from excitation_planner.maneuver import family_by_name, lead_in_of, with_lead_in
-from excitation_planner.maneuver.lead_in import OPEN_LOOP
 from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.playback import Playback
 from excitation_planner.schedule import Schedule
@@ -69,7 +68,7 @@ def begun(plan, seed, *, led):
     if led:
         playback.parts.add_lead_in(plan.lead_in)
     began, started = rig.time, None
-    first = lead_in_of(commands, VEHICLE) + OPEN_LOOP
+    first = lead_in_of(commands, VEHICLE)
     while started is None or rig.time < started + first:
         now = rig.time
         playback.hear(Readiness(rig.armed, "" if rig.armed else "; ".join(host.log[-3:]), ""), now)

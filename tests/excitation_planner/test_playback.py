@@ -5,6 +5,7 @@ import math
 import re
 from contextlib import suppress
 from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -190,6 +191,66 @@ def test_a_lead_in_that_ends_at_no_time_is_refused(end):
         ready().parts.add_lead_in(end)
 
 
+def played(way_at, speed_at, duration, *, latency=0.0, every=0.02):
+    """Playback of a plan straight on, of a vehicle that has gone this way after some time."""
+    time = np.arange(0.0, duration + 0.01, 0.02)
+    playback = ready(max_deviation=3.0)
+    rates = np.array([speed_at(t) for t in time]) / playback.chassis.tyre_radius
+    playback.load(Schedule(time, np.zeros(time.size), rates))
+    playback.parts.add_path(np.column_stack([np.arange(0.0, 40.0), np.zeros(40)]))
+    start(playback, 10.0)
+    now, rng = 10.0, np.random.default_rng(1)
+    while playback.state is PlaybackState.RUNNING or playback.start_time is None:
+        playback.hear(ARMED, now)
+        if round((now - 10.0) / 0.01) % round(every / 0.01) == 0:
+            x, y = 0.01 * rng.standard_normal(2)
+            pose = replace(AT_REST, x=AT_REST.x + x, y=AT_REST.y + way_at(now - 10.0 - latency) + y)
+            playback.observe(pose, now - latency, now)
+        playback.tick(now)
+        now += 0.01
+    return playback, now - 10.0
+
+
+ACCELERATED = partial(np.interp, xp=[0.0, 2.0], fp=[0.0, 2.0])
+"""Speed of a vehicle that gets from rest to 2 m/s with 1 m/s^2."""
+
+
+@pytest.mark.parametrize(
+    ("way_at", "speed_at", "duration", "after"),
+    [
+        (lambda _t: 0.0, ACCELERATED, 9.0, 3.8),  # it never leaves its start
+        (lambda _t: 0.0, ACCELERATED, 2.5, 2.5),  # nor does it in a short maneuver
+        (lambda _t: 0.0, lambda _t: 0.1, 20.0, 10.0),
+        (lambda t: min(max(0.0, 2.0 * (t - 1.0)), 4.0), ACCELERATED, 9.0, 6.2),  # stops half way
+    ],
+)
+def test_a_vehicle_that_does_not_move_as_it_is_driven_has_not_driven_the_maneuver(
+    way_at, speed_at, duration, after
+):
+    playback, ended = played(way_at, speed_at, duration)
+    assert playback.state is PlaybackState.ABORTED
+    assert re.search("commanded to go .* m on, but its pose has moved by", playback.reason)
+    assert ended == pytest.approx(after, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("way_at", "speed_at", "duration"),
+    [
+        (lambda t: max(0.0, 2.0 * (t - 1.0)), ACCELERATED, 9.0),
+        (lambda t: 0.07 * max(0.0, t) ** 2, lambda _t: 4.0, 9.0),  # heavy, and uphill
+        (lambda t: max(0.0, 2.0 * (t - 7.0)), lambda t: 2.0 * (t > 6.0), 9.0),  # stands at first
+        (lambda t: 0.1 * max(0.0, t), lambda _t: 0.1, 20.0),
+        (lambda t: 0.6 * math.sin(t), lambda t: 0.6 * math.cos(t), 20.0),  # there and back
+    ],
+)
+@pytest.mark.parametrize(("latency", "every"), [(0.0, 0.02), (0.3, 0.1)])
+def test_a_vehicle_that_moves_as_it_is_driven_however_slowly_has_driven_the_maneuver(
+    way_at, speed_at, duration, latency, every
+):
+    playback, _ = played(way_at, speed_at, duration, latency=latency, every=every)
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "")
+
+
 def test_the_origin_of_the_path_is_where_the_vehicle_is_and_then_where_it_started():
     playback = ready()
     elsewhere = PlanarState(3.0, 2.0, 0.0, 0.0)
@@ -316,11 +377,11 @@ NOT_A_NUMBER = PlanarState(math.nan, 0.0, 0.0, 0.0)
         (without_path, "no path on maneuver/path with the stamp of the commands"),
         (with_another_path, "no path on maneuver/path with the stamp of the commands"),
         (without_readiness, r"nothing heard on vehicle/state; is tricycle_bridge running\?"),
-        (lambda: hearing(PRESSED), "the vehicle is not armed: hardware e-stop pressed"),
+        (lambda: hearing(PRESSED), r"not armed: hardware e-stop pressed; arm it \(.*/arm\)"),
         (lambda: hearing(ARMED, at=8.9), r"nothing heard on vehicle/state for 1\.10 s"),
         (
             lambda: hearing(Readiness(armed=True, commander="/teleop"), commander="/driver"),
-            "the vehicle obeys another commander, /teleop",
+            r"the vehicle obeys another commander, /teleop: .* release",
         ),
         (lambda: seeing(AT_REST, stamp=9.0, at=9.0), r"no pose on odom for 1\.00 s"),
         (lambda: seeing(AT_REST, stamp=9.0), r"no pose on odom for 1\.00 s, by its stamp"),
@@ -421,7 +482,7 @@ def test_a_check_of_another_node_refuses_the_way_back_with_its_name():
 
 
 def test_a_running_maneuver_refuses_a_start():
-    with pytest.raises(PlanError, match="already running"):
+    with pytest.raises(PlanError, match=r"already running: .*~/abort"):
         running().start(10.0)
 
 
@@ -523,7 +584,16 @@ def test_another_commander_aborts():
     assert playback.state is PlaybackState.RUNNING
     playback.hear(Readiness(armed=True, commander="/teleop"), 10.02)
     playback.tick(10.02)
-    assert playback.reason == "the vehicle obeys another commander, /teleop"
+    assert playback.reason.startswith("the vehicle obeys another commander, /teleop: end it")
+
+
+def test_a_vehicle_that_refuses_commands_aborts_at_once_even_if_it_obeys_the_next_one():
+    playback = running()
+    playback.hear(Readiness(True, refused="speed 2 m/s: at most 1.5 m/s"), 10.01)
+    playback.hear(ARMED, 10.01)
+    assert playback.tick(10.02) == STOP
+    reason = "tricycle_bridge refuses the commands: speed 2 m/s: at most 1.5 m/s"
+    assert (playback.state, playback.reason) == (PlaybackState.ABORTED, reason)
 
 
 def test_a_driver_or_a_clock_that_leaves_out_commands_aborts():
@@ -1012,7 +1082,9 @@ def returning(now=10.0):
     playback = running(now)
     there = replace(AT_REST_IN_ODOM, y=AT_REST.y + 1.0)
     for t in np.arange(now, now + 4.0, 0.1):
-        playback.observe(AT_REST if playback.state is PlaybackState.RUNNING else there, t, t)
+        way = min(max(0.0, t - now - 0.1), 1.0)  # at 1 m/s
+        rolls = replace(there, y=AT_REST.y + way, speed=float(0.0 < way < 1.0))
+        playback.observe(rolls, t, t)
         playback.hear(ARMED, t)
         playback.tick(t)
     assert playback.state is PlaybackState.DONE
@@ -1023,7 +1095,7 @@ def returning(now=10.0):
 def test_the_way_back_leads_to_where_the_run_began():
     playback, there, now = returning()
     assert playback.state is PlaybackState.RETURNING
-    with pytest.raises(PlanError, match="already running"):
+    with pytest.raises(PlanError, match=r"already running: .*~/abort"):
         playback.start(now)
     while playback.route_wanted is None:
         now += 0.1
@@ -1096,6 +1168,26 @@ def test_what_ends_a_run_ends_the_way_back_too(fault, reason):
     assert command.wheel_rate == 0.0
 
 
+@pytest.mark.parametrize("speed", [0.06, 0.04])  # every fourth one, when it is to stand
+def test_a_way_back_on_which_the_vehicle_never_rests_ends(speed):
+    playback, there, now = returning()
+    began, moves = now, replace(there, speed=speed, yaw=there.yaw)
+    for n in range(400):
+        now += 0.1
+        noise = 1e-4 * (n % 2)
+        playback.observe(replace(there if n % 4 else moves, x=there.x + noise), now, now)
+        playback.hear(ARMED, now)
+        playback.tick(now)
+        if playback.state is not PlaybackState.RETURNING:
+            break
+    if speed > 0.05:
+        assert playback.state is PlaybackState.ABORTED
+        assert re.search("to stand still, but .* by hand", playback.reason)
+        assert now - began == pytest.approx(20.0, abs=1.0)
+    else:  # a search for a route takes its time
+        assert playback.route_wanted is not None
+
+
 def test_without_a_turn_rate_there_is_no_way_back():
     playback = fenced()
     playback.observe(replace(AT_REST_IN_ODOM, yaw_rate=math.nan), 10.0, 10.0)
@@ -1135,6 +1227,23 @@ def test_who_is_back_already_waits_for_the_next_start():
         playback.hear(ARMED, t)
         playback.tick(t)
     assert (playback.state, playback.reason) == (PlaybackState.WAITING, "")
+
+
+@pytest.mark.parametrize("away", [0.0, 0.5])
+def test_a_start_in_a_frame_that_has_jumped_since_is_not_gone_back_to(away):
+    playback, there, now = returning()
+    playback.abort("asked for")
+    for t in np.arange(now + 0.1, now + 8.0, 0.1):  # the jump is older than the watch looks back
+        begun_anew = replace(there, x=there.x + away * (t > now + 4.0))
+        playback.observe(begun_anew, t, t)
+        playback.hear(ARMED, t)
+        playback.tick(t)
+    if away:
+        with pytest.raises(PlanError, match=r"jumped since \(the pose is 0.50 m .* by hand"):
+            playback.go_back(t)
+    else:
+        playback.go_back(t)
+    assert playback.state is (PlaybackState.ABORTED if away else PlaybackState.RETURNING)
 
 
 def test_a_vehicle_that_has_no_start_cannot_go_back_to_it():

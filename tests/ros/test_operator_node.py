@@ -147,6 +147,48 @@ def test_only_a_drive_that_may_end_early_is_ended_by_what_the_monitor_says(early
     assert called == (["maneuver_driver/finish"] if early else [])
 
 
+@pytest.mark.parametrize(
+    ("ends", "failure"),
+    [
+        (ManeuverState(PlaybackState.WAITING, "mine", elapsed=31.4), None),
+        (ManeuverState(PlaybackState.WAITING, "mine"), "way back aborted: .* started anew"),
+        (ManeuverState(PlaybackState.WAITING), "way back aborted: .* started anew"),
+        (ManeuverState(PlaybackState.ABORTED, "mine", reason="fence"), "way back aborted: fence"),
+    ],
+)
+def test_a_driver_that_is_started_anew_on_the_way_back_has_not_arrived(ends, failure):
+    said = [ManeuverState(PlaybackState.RETURNING, "mine", elapsed=t) for t in (0.0, 0.5)]
+    interrupted = Interrupted()
+    operator = interrupted.operator
+    operator._state = ManeuverState(PlaybackState.DONE, "mine")
+    operator._heard, operator._wait = 0, waiting(operator, [*said, ends])
+    if failure is None:
+        operator._go_back()
+    else:
+        with pytest.raises(NodeError, match=failure):
+            operator._go_back()
+
+
+@pytest.mark.parametrize("plan", ["", "mine"])  # before and after the driver has taken it again
+def test_a_driver_that_is_started_anew_ends_the_drive(plan):
+    operator = Operator.__new__(Operator)
+    operator._state, operator._heard = ManeuverState(PlaybackState.RUNNING, "mine"), 0
+    operator._wait = waiting(operator, [ManeuverState(PlaybackState.WAITING, plan)])
+    with pytest.raises(NodeError, match=r"maneuver aborted: .* started anew"):
+        operator._follow(SimpleNamespace(id="mine"), lambda *_: None, early=False)
+
+
+def waiting(operator, said):
+    """A wait in which an operator hears states of the driver."""
+
+    def wait(condition, what):
+        while not condition():
+            assert said, what
+            operator._on_state(status(said.pop(0).values()))
+
+    return wait
+
+
 def status(values):
     return DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values.items()])
 

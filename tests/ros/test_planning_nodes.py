@@ -395,7 +395,7 @@ def test_on_the_way_back_the_origin_is_told_now_and_then_and_a_failed_link_refus
     chain.tell(armed=False)
     chain.wait_for(state="aborted")
     chain.tell(armed=True)
-    chain.pose.pose.pose.position.x = 2.0
+    chain.pose.pose.pose.position.x = 0.25  # less than a jump
     diagnostics = chain.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
     def answer(level):

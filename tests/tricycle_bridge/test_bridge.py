@@ -271,6 +271,11 @@ def test_a_command_beyond_a_limit_stops_the_vehicle(driving, target, limit):
         f"joint_commands of /driver is refused: {limit}; the vehicle is to stand still"
     )
     assert driving.bridge.commands.counters.refused > 90
+    readiness = Readiness(True, commander="/driver", refused=limit)
+    assert driving.bridge.readiness(driving.now) == readiness
+    driving.target = (0.2, 0.0)
+    driving.step()
+    assert driving.bridge.readiness(driving.now) == readiness._replace(refused="")
 
 
 def test_nonsense_of_a_second_commander_does_not_stop_the_vehicle(driving):

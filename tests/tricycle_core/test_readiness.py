@@ -4,9 +4,9 @@ from hypothesis import strategies as st
 from tricycle_core.readiness import Readiness
 
 
-@given(armed=st.booleans(), reason=st.text(), commander=st.text())
-def test_what_is_written_is_read(armed, reason, commander):
-    readiness = Readiness(armed, reason, commander)
+@given(armed=st.booleans(), reason=st.text(), commander=st.text(), refused=st.text())
+def test_what_is_written_is_read(armed, reason, commander, refused):
+    readiness = Readiness(armed, reason, commander, refused)
     assert Readiness.from_values(readiness.values()) == readiness
 
 

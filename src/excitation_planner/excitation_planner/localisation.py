@@ -32,6 +32,15 @@ WINDOW = 1.0
 FROZEN = 0.5
 """Time for which the pose of a driven vehicle may be the same to the last digit [s]."""
 
+MOVED = 0.3
+"""Distance between poses that shows that the vehicle moves [m] ..."""
+
+DRIVEN_ON = 1.0
+"""... the way that it is commanded to go by then at the latest [m] ..."""
+
+STARTED = 3.0
+"""... and the time that it has for it [s]: a board notices that no pulse comes within 2.5 s."""
+
 SCATTER = 0.05
 """Standard deviation of the position at rest that deserves a warning [m]."""
 
@@ -177,6 +186,49 @@ class PoseWatch:
             self._tracks.popleft()
         self._tracks.append(new)
         return _difference(last, new) or _difference(self._tracks[0], new)
+
+
+class ProgressWatch:
+    """Compares the poses of a driven vehicle with the way that it is commanded to go.
+
+    Attributes
+    ----------
+    standing : str
+        How far it was commanded to go on since its pose has last moved; empty: it moves.
+    """
+
+    def __init__(self) -> None:
+        self.standing = ""
+        self._pose: tuple[float, float] | None = None
+        self._way = 0.0  # commanded when the pose was there
+        self._since = 0.0  # when it was commanded to be gone
+
+    def stands(self, state: PlanarState, way: float, now: float) -> str:
+        """Take a pose; return why the vehicle, or its localisation, stands still, or nothing.
+
+        Parameters
+        ----------
+        state : PlanarState
+            Pose with finite numbers.
+        way : float
+            Way commanded so far, forwards less backwards [m].
+        now : float
+            Present time [s].
+        """
+        x, y = self._pose or (math.inf, math.inf)
+        moved = math.hypot(state.x - x, state.y - y)
+        if moved > MOVED:
+            self._pose, self._way = (state.x, state.y), way
+        on = abs(way - self._way)
+        if on <= MOVED:
+            self._since = now
+        self.standing = ""
+        if on > DRIVEN_ON:
+            self.standing = (
+                f"commanded to go {on:.1f} m on, but its pose has moved by {moved:.2f} m: is the "
+                "vehicle driven at all, and does the localisation follow it?"
+            )
+        return self.standing if now - self._since > STARTED else ""
 
 
 class RestingPoses:

@@ -17,7 +17,13 @@ from excitation_planner.area.fence import (
     Fence,
 )
 from excitation_planner.line_keeping import LineKeeping
-from excitation_planner.localisation import WINDOW, PlanarState, PoseWatch, RestingPoses
+from excitation_planner.localisation import (
+    WINDOW,
+    PlanarState,
+    PoseWatch,
+    ProgressWatch,
+    RestingPoses,
+)
 from excitation_planner.plan_parts import PlanParts
 from excitation_planner.preflight import Check
 from excitation_planner.schedule import Schedule
@@ -145,6 +151,8 @@ class Playback:
     _fence: Fence | None = None  # of the maneuver running
     _resting: RestingPoses = field(default_factory=RestingPoses)  # before row 0
     _poses: PoseWatch = field(default_factory=PoseWatch)
+    _progress: ProgressWatch = field(default_factory=ProgressWatch)  # of the maneuver running
+    _way: float = 0.0  # that it has commanded, m
     _contradiction: str = ""
     _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
     _nearest: int = 0  # point of it
@@ -153,6 +161,7 @@ class Playback:
     _stood: Pose | None = None  # mean pose of the first `WINDOW` of the countdown
     _back: WayBack | None = None  # while the vehicle returns
     _last_start: Pose | None = None  # where the newest maneuver began
+    _lost_start: str = ""  # how the poses have jumped since
     _held: JointCommand = field(default_factory=lambda: JointCommand(0.0, 0.0))
     _ticked_at: float = -math.inf
     _stopping_since: float | None = None  # None: not since a run has ended
@@ -190,6 +199,8 @@ class Playback:
             return  # `pose_lost` says so
         driven = self.state in DRIVEN and self._held.wheel_rate != 0.0
         contradiction = self._poses.contradiction(state, stamp, driven=driven)
+        if contradiction and not self._poses.frozen:
+            self._lost_start = contradiction  # its frame may have another origin now
         if self.state not in DRIVEN:
             self._resting.take(state, stamp)
         if not self._active:
@@ -198,9 +209,11 @@ class Playback:
             watched = self._steered_by_pose or self._fence is not None
             # a pose that stays the same is near the path for ever
             self._contradiction = contradiction if watched else self._poses.frozen
+        if self.state is PlaybackState.RUNNING and not self._contradiction:
+            self._contradiction = self._progress.stands(state, self._way, now)
 
     def hear(self, readiness: Readiness, now: float) -> None:
-        """Take what the vehicle says about itself; a run is aborted at once if it is not armed.
+        """Take what the vehicle says about itself; a run is aborted at once if it does not obey.
 
         Parameters
         ----------
@@ -210,10 +223,9 @@ class Playback:
             Time of receipt [s].
         """
         self.watch.hear(readiness, now)
-        if readiness.armed:
-            return
-        self._held = replace(self._held, stop=False)
-        if self._active:
+        if not readiness.armed:
+            self._held = replace(self._held, stop=False)
+        if self._active and (not readiness.armed or readiness.refused):
             self.abort(self.watch.not_ready(now))
 
     def hold(self, pressed: bool, now: float) -> None:
@@ -252,7 +264,7 @@ class Playback:
             localisation = self._resting.check(now - self.watch.stamp)
         return (
             Check.of("plan", self._plan_missing(), name),
-            Check.of("vehicle", self.watch.not_ready(now), "armed"),
+            Check.of("vehicle", self._disobeys(now), "armed"),
             Check.of(
                 "hold to run",
                 self.watch.released(now),
@@ -288,12 +300,14 @@ class Playback:
             raise PlanError("no plan is loaded")
         self._fence = self._fence_of(plan)
         self._poses, self._contradiction = PoseWatch(), ""
+        self._progress, self._way = ProgressWatch(), 0.0
         self._path, self._nearest = path, 0
         self._line_keeping = self._line_keeping_of(plan)
         self._anchor = self.watch.observed
         self._resting, self._stood = RestingPoses(), None  # it may just have come to rest
         if self._anchor is not None:
             self._last_start = self._anchor.x, self._anchor.y, self._anchor.yaw
+            self._lost_start = ""
         self._asked_at = now
         self.seconds_left = math.ceil(self.countdown)
         self.start_time, self.elapsed, self._finishing = None, 0.0, ""
@@ -324,6 +338,11 @@ class Playback:
         goal = self._last_start if fence is None else fence.start
         if goal is None:
             raise PlanError("no start to go back to: no plan with an area, and nothing driven yet")
+        if fence is None and self._lost_start:
+            raise PlanError(
+                f"no start to go back to: the localisation has jumped since ({self._lost_start}); "
+                "drive it there by hand"
+            )
         if fence is not None and (reason := self._trespass(fence, now, 0.0, 0.0)):
             raise PlanError(f"{reason}; drive it back by hand")
         self._fence, self._poses, self._contradiction = fence, PoseWatch(), ""
@@ -410,6 +429,8 @@ class Playback:
             Time since the last tick by a clock that cannot be set, unlike that of `now` [s].
         """
         back = self._ticked_at - now
+        if self.state is PlaybackState.RUNNING and back < 0.0:
+            self._way -= back * self._held.wheel_rate * self.chassis.tyre_radius
         self._ticked_at = now
         if back > CLOCK_TOLERANCE:
             self.watch.forget()
@@ -474,7 +495,7 @@ class Playback:
 
     def _check_free(self) -> None:
         if self._active:
-            raise PlanError("already running")
+            raise PlanError("already running: wait for its end, or abort it (~/abort)")
         if self._stopping_since is not None:
             raise PlanError(BEING_STOPPED)
 
@@ -513,7 +534,7 @@ class Playback:
     def _check_standing(self, now: float) -> None:
         """Refuse unless the vehicle obeys and stands where it can be watched."""
         if reason := (
-            self.watch.not_ready(now)
+            self._disobeys(now)
             or self.watch.released(now)
             or self._unwatched(now)
             or self.watch.moves()
@@ -556,7 +577,11 @@ class Playback:
         if self.start_time is None:  # the run has not begun, or was aborted
             return None if self.seconds_left else self._held
         self.elapsed = now - self.start_time
-        if self.elapsed >= schedule.duration - 1e-6:
+        over = self.elapsed >= schedule.duration - 1e-6
+        if (over or self._finishing) and self._progress.standing:
+            self.abort(self._progress.standing)
+            return self._held
+        if over:
             self._end(PlaybackState.DONE, float(schedule.steering_motor_angle[-1]))
             return self._held
         if self._finishing:
@@ -608,7 +633,7 @@ class Playback:
             self._line_keeping = None
             return 0.0
         pose = here.after(now - self.watch.stamp)
-        return keeping.steer(pose, here.speed, self.elapsed)
+        return keeping.steer(pose, here.speed, here.yaw_rate, self.elapsed)
 
     @staticmethod
     def _row(schedule: Schedule, elapsed: float) -> int:
@@ -674,6 +699,11 @@ class Playback:
             or (self.watch.undirected() if directed else "")
             or self._contradiction
         )
+
+    def _disobeys(self, now: float) -> str:
+        """Why the vehicle would not be driven, and what to do; empty if it would."""
+        reason = self.watch.not_ready(now)
+        return f"{reason}; arm it (tricycle_bridge/arm)" if self.watch.disarmed else reason
 
     def _unwatched(self, now: float) -> str:
         """Why the vehicle cannot be watched; empty if it can."""

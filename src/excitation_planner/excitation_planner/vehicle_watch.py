@@ -152,7 +152,12 @@ class VehicleWatch:
         if now - self._heard_at > self.state_timeout:
             return f"nothing heard on {TOPIC} for {now - self._heard_at:.2f} s"
         if self.commander and self._readiness.commander not in ("", self.commander):
-            return f"the vehicle obeys another commander, {self._readiness.commander}"
+            return (
+                f"the vehicle obeys another commander, {self._readiness.commander}: end it, or "
+                "release the vehicle (tricycle_bridge/release)"
+            )
+        if self._readiness.refused:
+            return f"tricycle_bridge refuses the commands: {self._readiness.refused}"
         return ""
 
     def released(self, now: float) -> str:

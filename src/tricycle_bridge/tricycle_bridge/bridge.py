@@ -199,7 +199,7 @@ class Bridge:
         commander = self.commands.commander
         name = "" if commander is None else commander.name or commander.source.value
         if self.armed and self._enabled and self._arming is None:
-            return Readiness(True, commander=name)
+            return Readiness(True, commander=name, refused=self.commands.refusal(now))
         reason = self.refusal(now) or "waiting for the operator"
         if self.stopped_by:
             reason += f"; stopped: {self.stopped_by}"
@@ -310,7 +310,9 @@ class Bridge:
         """
         commander = Commander(source, name)
         standstill = VehicleCommand(self.resting_angle(), 0.0)
-        refusal = self.commands.refuse(standstill, stamp=stamp, now=now, commander=commander)
+        refusal = self.commands.refuse(
+            standstill, reason, stamp=stamp, now=now, commander=commander
+        )
         if refusal is not None:
             return refusal
         self._send_commands(now)

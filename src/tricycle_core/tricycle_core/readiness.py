@@ -29,16 +29,24 @@ class Readiness(NamedTuple):
         Why the vehicle is not armed, for a person; empty while armed.
     commander : str
         Name of the commander that is obeyed; empty while there is none.
+    refused : str
+        Why the vehicle is to stand still in place of its newest command; empty if that is obeyed.
     """
 
     armed: bool
     reason: str = ""
     commander: str = ""
+    refused: str = ""
 
     def values(self) -> dict[str, str]:
         """Return the key-value pairs of the message."""
         armed = "true" if self.armed else "false"
-        return {"armed": armed, "reason": self.reason, "commander": self.commander}
+        return {
+            "armed": armed,
+            "reason": self.reason,
+            "commander": self.commander,
+            "refused": self.refused,
+        }
 
     @classmethod
     def from_values(cls, values: Mapping[str, str]) -> Readiness:
@@ -50,5 +58,8 @@ class Readiness(NamedTuple):
             Pairs as returned by `values`.
         """
         return cls(
-            values.get("armed") == "true", values.get("reason", ""), values.get("commander", "")
+            values.get("armed") == "true",
+            values.get("reason", ""),
+            values.get("commander", ""),
+            values.get("refused", ""),
         )

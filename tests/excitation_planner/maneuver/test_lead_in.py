@@ -10,7 +10,6 @@ from excitation_planner.maneuver import (
     lead_in_of,
     with_lead_in,
 )
-from excitation_planner.maneuver.lead_in import OPEN_LOOP
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import PlanError
 from tricycle_sim.commands import Commands
@@ -44,10 +43,10 @@ def test_without_more_straight_the_maneuver_is_the_family_s():
     assert own.length == same.length
 
 
-def test_a_lead_in_ends_before_the_first_steering():
+def test_a_lead_in_ends_with_the_first_steering():
     time = np.arange(0.0, 5.0, 0.1)
     angle = np.where(time < 2.95, 0.0, 0.2)
-    assert lead_in_of(Commands(time, angle, np.ones(50)), VEHICLE) == pytest.approx(3.0 - OPEN_LOOP)
+    assert lead_in_of(Commands(time, angle, np.ones(50)), VEHICLE) == pytest.approx(3.0)
     assert lead_in_of(Commands(time, np.full(50, 0.2), np.ones(50)), VEHICLE) == 0.0
 
 

@@ -11,6 +11,7 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis, Pursuit, WayBack
+from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_bringup.configuration import driver_parameters, turning_geometry
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import draw_truth, load_vehicle
@@ -76,6 +77,12 @@ def test_who_is_far_off_is_stopped():
 
     with pytest.raises(PlanError, match=r"0.60 m off the way back"):
         drive()
+
+
+@pytest.mark.parametrize("road", [(0.0, 0.5), (0.1, 0.5), (-0.5, -0.1)])
+def test_a_steering_to_one_side_only_has_no_arcs(road):
+    with pytest.raises(PlanError, match=r"road_angles from .* to both sides of 0"):
+        Chassis(TurningGeometry(motor_angles=road, road_angles=road))
 
 
 def test_who_is_blocked_is_stopped():

@@ -176,10 +176,10 @@ def test_commands_of_before_arming_do_not_count(stream):
 
 def test_a_message_that_cannot_be_obeyed_is_a_command_to_stand_still(stream):
     assert (stream.last, stream.last_commander) == (None, None)
-    assert stream.refuse(STANDSTILL, stamp=START, now=START, commander=DRIVER) is None
+    assert stream.refuse(STANDSTILL, "too fast", stamp=START, now=START, commander=DRIVER) is None
     assert stream.newest(START) == stream.last == STANDSTILL
     assert stream.last_commander == DRIVER
-    late = stream.refuse(STANDSTILL, stamp=START - 1.0, now=START, commander=DRIVER)
+    late = stream.refuse(STANDSTILL, "too fast", stamp=START - 1.0, now=START, commander=DRIVER)
     assert "is stamped 1.00 s ago" in late
     counters = stream.counters
     assert (counters.accepted, counters.stale, counters.refused) == (0, 1, 1)

@@ -31,9 +31,6 @@ From 0, or from where the vehicle drives straight: a steering that is mounted as
 ANGLES = np.linspace(-0.3, 0.3, 7)
 """Steering motor angles between which the angle of straight driving is interpolated [rad]."""
 
-OPEN_LOOP = 0.2
-"""Time between the end of the lead-in and the first steering of the maneuver proper [s]."""
-
 LONGEST = 100.0
 """Longest straight that may be asked for [m]."""
 
@@ -114,7 +111,7 @@ def with_lead_in(families: Sequence[ManeuverFamily], length: float) -> tuple[Man
 
 
 def lead_in_of(commands: Commands, vehicle: Vehicle) -> float:
-    """Return for how long commands lead straight ahead, less `OPEN_LOOP` [s]; at least 0.
+    """Return for how long commands lead straight ahead [s]: until the first steering.
 
     Parameters
     ----------
@@ -123,7 +120,7 @@ def lead_in_of(commands: Commands, vehicle: Vehicle) -> float:
     vehicle : Vehicle
         Vehicle; only its nominal values count.
     """
-    return max(0.0, float(commands.time[_first_steered(commands, vehicle)]) - OPEN_LOOP)
+    return float(commands.time[_first_steered(commands, vehicle)])
 
 
 def straight_on(vehicle: Vehicle) -> float:

@@ -49,6 +49,9 @@ PROGRESS = 0.05
 BLOCKED = 5.0
 """... and the time without it after which something is in its way [s]."""
 
+RESTLESS = 20.0
+"""Time in which the vehicle must have come to rest with its wheels turned [s]."""
+
 FARTHEST_OFF = 0.5
 """Deviation from the route beyond which it is given up [m]."""
 
@@ -71,11 +74,23 @@ class Chassis:
         Position of the unsteered axle's middle, ahead of `base_link` [m].
     tyre_radius : float
         Radius of the driven wheel's tyre [m].
+
+    Raises
+    ------
+    PlanError
+        If it does not steer to both sides.
     """
 
     geometry: TurningGeometry = field(default_factory=TurningGeometry)
     unsteered_axle: float = -0.719
     tyre_radius: float = 0.335
+
+    def __post_init__(self) -> None:
+        right, left = self.geometry.road_angles[0], self.geometry.road_angles[-1]
+        if not right < 0.0 < left:
+            raise PlanError(
+                f"road_angles from {right:g} to {left:g} rad: must reach to both sides of 0"
+            )
 
     @property
     def radius(self) -> float:
@@ -245,6 +260,7 @@ class WayBack:
     pursuit: Pursuit | None = None
     _attempts: int = 0
     _since: float = -math.inf
+    _still: float | None = None  # since when it is to stand still
     _poses: list[Pose] = field(default_factory=list)
 
     def follow(self, arcs: tuple[Arc, ...]) -> None:
@@ -272,8 +288,16 @@ class WayBack:
         Raises
         ------
         PlanError
-            If it is off its route, or has missed the goal too often.
+            If it is off its route, has missed the goal too often, or does not come to rest.
         """
+        driven = self.pursuit is not None and self.pursuit.push != 0.0
+        if self._still is None or driven or self.wanted is not None:
+            self._still = now
+        elif now - self._still > RESTLESS:
+            raise PlanError(
+                f"the vehicle is to stand still, but odom has not said so for {RESTLESS:g} s: does "
+                "it roll, or is the speed of the localisation too noisy? Drive it there by hand"
+            )
         if self.pursuit is not None:
             command = self.pursuit.step(self.chassis.axle(*pose), now, rests=rests)
             self.angle = self.pursuit.angle

@@ -108,6 +108,7 @@ class _Input(NamedTuple):
     stamp: float
     command: VehicleCommand
     commander: Commander
+    refused: str = ""  # why it is not the command that was sent
 
 
 _Sent = tuple[_Input | None, bool]  # None: standstill of the bridge; with the enable flag or not
@@ -223,7 +224,13 @@ class CommandStream:
         return refusal
 
     def refuse(
-        self, standstill: VehicleCommand, *, stamp: float, now: float, commander: Commander
+        self,
+        standstill: VehicleCommand,
+        reason: str,
+        *,
+        stamp: float,
+        now: float,
+        commander: Commander,
     ) -> str | None:
         """Take a message that cannot be obeyed as a command to stand still.
 
@@ -231,6 +238,8 @@ class CommandStream:
         ----------
         standstill : VehicleCommand
             Command that takes its place.
+        reason : str
+            Why the message cannot be obeyed.
         stamp, now : float
             Time at which the message was sent, time of arrival [s].
         commander : Commander
@@ -241,13 +250,18 @@ class CommandStream:
         refusal : str or None
             Why not even that is taken from the commander; None if it was.
         """
-        refusal = self._admit(standstill, stamp, now, commander)
+        refusal = self._admit(standstill, stamp, now, commander, reason)
         if refusal is None:
             self.counters.refused += 1
         return refusal
 
     def _admit(
-        self, command: VehicleCommand, stamp: float, now: float, commander: Commander
+        self,
+        command: VehicleCommand,
+        stamp: float,
+        now: float,
+        commander: Commander,
+        refused: str = "",
     ) -> str | None:
         """Make a command the newest one, or count and say why its commander is not heard."""
         if (refusal := _stamp_refusal(now - stamp)) is not None:
@@ -256,12 +270,16 @@ class CommandStream:
         if (refusal := self._contradiction(commander, now)) is not None:
             self.counters.refused += 1
             return refusal
-        self._newest = _Input(min(stamp, now), command, commander)
+        self._newest = _Input(min(stamp, now), command, commander, refused)
         return None
 
     def newest(self, now: float) -> VehicleCommand | None:
         """Return the newest command, or None when it is older than `INPUT_AGE`."""
         return self._newest.command if self._newest is not None and self._is_fresh(now) else None
+
+    def refusal(self, now: float) -> str:
+        """Return why the newest command is standstill in place of what was sent; empty if not."""
+        return self._newest.refused if self._newest is not None and self._is_fresh(now) else ""
 
     @property
     def last(self) -> VehicleCommand | None:

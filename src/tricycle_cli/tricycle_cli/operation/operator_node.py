@@ -44,6 +44,7 @@ LINK_TIMEOUT = 30.0  # s for both PLCs to be linked, refreshed and armed
 REFUSED = 0.5  # s until a start is tried again that came too soon
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 TOLD = 6.0  # s of wall time after which it says what it waits for
+STARTED_ANEW = "maneuver_driver was started anew meanwhile; see why, and give the command again"
 LOOK_AROUND = 10.0  # s of wall time in which the nodes of a domain are found at the latest
 
 
@@ -485,11 +486,15 @@ class Operator(Closing):
             self._trigger_at_rest("maneuver_driver/go_back")
             begun = (PlaybackState.RETURNING, PlaybackState.ABORTED)
             self._wait(lambda: self._state.state in begun, "the way back to begin")
+            before = self._state
             while self._state.state is PlaybackState.RETURNING:
                 before = self._state
                 self._wait(lambda: self._state != before, "news of the way back")  # noqa: B023
             if self._state.state is PlaybackState.ABORTED:
                 raise NodeError(f"way back aborted: {self._state.reason}")
+            # one that has arrived says when
+            if self._state.elapsed <= before.elapsed:
+                raise NodeError(f"way back aborted: {STARTED_ANEW}")
 
     @contextmanager
     def _driving(self) -> Iterator[None]:
@@ -540,6 +545,8 @@ class Operator(Closing):
                 self._taught = ""
                 # refused where it has ended by itself
                 self._services.call("maneuver_driver/finish", Trigger, Trigger.Request())
+            if self._state.state is PlaybackState.WAITING and self._state.plan_id in ("", plan.id):
+                raise NodeError(f"maneuver aborted: {STARTED_ANEW}")
             if self._state.plan_id != plan.id:
                 raise NodeError(
                     f"maneuver_driver took another plan, {self._state.plan_id}, before it said "
