@@ -28,7 +28,7 @@ LEAST_LATERAL = 0.5  # m/s^2 (rms)
 LEAST_STEERING = 0.1  # rad (rms), above the error of a steering's zero
 TURN_STEP = 0.5  # s of way that shows about which point the vehicle turns
 LEAST_CHANGE = 0.05  # rad (rms) by which the turns of such ways differ
-SLIPPING = 0.1  # of the wheelbase, by which the slip of the rear tyres may move that point
+SLIPPING = 0.05  # of the wheelbase, by which the slip of the rear tyres may move that point
 MISPLACED = 0.3  # of the wheelbase, from which poses are those of another point
 
 
