@@ -570,10 +570,9 @@ def _shift(own: FloatArray, apart: FloatArray, where: str) -> FloatArray | float
     parts = np.array_split(np.arange(len(own)), PARTS)
     off = [abs(float(np.median((apart - shift)[part]))) for part in parts]
     if max(off) > UNSTEADY:
-        begin = own[parts[off.index(max(off))][0]]
         raise IdentificationError(
-            f"{where}: does not run evenly by `time`: it is {max(off):.2g} s off from {begin:.6g} "
-            "on: was it set? Cut the table there"
+            f"{where}: does not run evenly by `time`: it is {max(off):.2g} s off a line: was it "
+            "set? Cut the table there"
         )
     return shift
 
