@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from parameter_identification.drives.table import Columns, read_recording
+from parameter_identification.drives.table import Columns, SteeringMap, read_recording
 from parameter_identification.drives.windows import select_windows
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -115,3 +115,44 @@ def test_what_is_0_without_a_reason_to_be_else_is_let_through(tmp_path: Path) ->
     recording = read_recording(circle(ahead, tmp_path / "drive.csv"), COLUMNS)
     assert not isinstance(COLUMNS.steering_map, str)
     assert select_windows(recording, VEHICLE, COLUMNS.steering_map).drives
+
+
+def winding(place: float, course: bool, path: Path) -> Path:
+    """Twenty seconds of turns to both sides, of a point so far in front of the rear axle.
+
+    The heading is that of the body, or of the motion of that point.
+    """
+    time = np.arange(0.0, 20.0, 0.001)
+    curvature = 0.35 * np.sin(0.8 * time)
+    yaw = 2.0 + 0.001 * SPEED * np.cumsum(curvature)
+    x, y = (0.001 * SPEED * np.cumsum(f(yaw)) + place * f(yaw) for f in (np.cos, np.sin))
+    if course:
+        yaw = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
+    rng = np.random.default_rng(1)
+    x, y = (v + 0.01 * rng.standard_normal(len(v)) for v in (x, y))
+    steering = np.arctan(VEHICLE.wheelbase * curvature)
+    rows = (",".join(map(repr, map(float, row))) for row in np.c_[time, x, y, yaw, steering][::20])
+    path.write_text("\n".join(["time,x,y,yaw,steering", *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("place", "course", "message"),
+    [
+        (VEHICLE.com_to_rear_axle, False, ""),
+        (VEHICLE.com_to_rear_axle + 0.2, False, ""),
+        (0.0, False, r"turn about a point -?0.\d+ m behind .* of a point -0.7\d* m farther ahead"),
+        (VEHICLE.wheelbase, False, r"of a point \+0.7\d* m farther ahead"),
+        (VEHICLE.com_to_rear_axle, True, "is yaw the direction of the motion"),
+    ],
+)
+def test_poses_of_another_point_are_told(
+    tmp_path: Path, place: float, course: bool, message: str
+) -> None:
+    columns = Columns(**{name: name for name in ("time", "x", "y", "yaw", "steering")})
+    recording = read_recording(winding(place, course, tmp_path / "drive.csv"), columns)
+    if not message:
+        assert select_windows(recording, VEHICLE, SteeringMap()).drives
+        return
+    with pytest.raises(IdentificationError, match=f"drive.csv: the poses .*{message}"):
+        select_windows(recording, VEHICLE, SteeringMap())

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import (
     Column,
     Columns,
@@ -127,6 +128,31 @@ def test_samples_of_a_second_clock_count_once_and_are_shifted(tmp_path: Path) ->
     rows[0] = "100.00,0,0,0,0,0,9"  # the clock jumped after its first sample
     rate = read_recording(write(tmp_path / "b.csv", *rows), columns).more["yaw_rate"]
     np.testing.assert_allclose(rate.time, [0.0, 0.1, 0.2, 0.3, 0.4], atol=0.011)
+
+
+def of_a_second_clock(path: Path, pace: float, jump: float = 0.0) -> Samples:
+    """Samples whose values are their true times, of a clock with a pace, set after 25 s."""
+    time = np.arange(0.0, 60.0, 0.01)
+    late = np.where(time % 2.0 < 0.4, 0.1, 0.0)  # a fifth of them
+    newest = np.maximum.accumulate(0.04 * np.floor(np.maximum(time - late, 0.0) / 0.04 + 1e-6))
+    clock = 1e4 + pace * newest + jump * (newest > 25.0)
+    rows = [
+        f"{t:.2f},{i},0,0,0,{c:.6f},{s:.2f}"
+        for i, (t, c, s) in enumerate(zip(time, clock, newest, strict=True))
+    ]
+    columns = Columns(time="t", x="px", y="py", steering="cmd", yaw_rate=Column("w", clock="ts"))
+    return read_recording(write(path, *rows), columns).more["yaw_rate"]
+
+
+@pytest.mark.parametrize("pace", [0.995, 1.0, 1.002])
+def test_a_second_clock_may_have_another_pace(tmp_path: Path, pace: float) -> None:
+    found = of_a_second_clock(tmp_path / "a.csv", pace)
+    np.testing.assert_allclose(found.time, found.values, atol=0.01)
+
+
+def test_a_second_clock_that_was_set_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(IdentificationError, match=r"a.csv: ts: does not run evenly .* Cut the"):
+        of_a_second_clock(tmp_path / "a.csv", 1.0, jump=0.5)
 
 
 def test_a_clock_in_another_unit_or_of_a_pose_is_refused(tmp_path: Path) -> None:

@@ -206,7 +206,7 @@ def test_the_angle_of_a_steady_turn_counts_how_tyres_are_loaded(load_sensitivity
     commands = Commands(time, 0.1 * np.minimum(time / 3.0, 1.0), np.minimum(time, 3.0))
     run = simulate(vehicle, commands, vehicle.nominal_point()[None], threads=1)
     x, y, speed, yaw, rate = (v[0, -100:] for v in (run.x, run.y, run.vx, run.yaw, run.yaw_rate))
-    motion = Motion(run.time[-100:], x, y, speed, 0.0, 0.0 * x, 0.0 * x, yaw, rate)
+    motion = Motion(run.time[-100:], x, y, speed, 0.0, 0.0 * x, 0.0 * x, yaw, rate, 0.0 * x)
     assert turned_angle(motion, vehicle) == pytest.approx(0.1, rel=0.02)
 
 
@@ -315,6 +315,32 @@ def test_an_offset_of_the_steering_is_no_error_of_a_measured_angle(
 
 
 @pytest.mark.slow
+def interpolate_where_yaw_wraps(rows: list[str]) -> None:
+    cells = [row.split(",") for row in rows]
+    yaw = [float(row[3]) for row in cells]
+    (wraps,) = np.nonzero(np.abs(np.diff(yaw)) > 180.0)
+    for row in wraps[3:4]:
+        cells[row][3] = f"{0.5 * (yaw[row] + yaw[row + 1]):.4f}"
+        rows[row] = ",".join(cells[row])
+
+
+def test_a_yaw_that_was_interpolated_where_it_wraps_is_left_out(
+    tmp_path: Path, columns: Columns
+) -> None:
+    """Along it the speed of the poses would turn round for an instant."""
+    odd = read_recording(table(tmp_path / "odd.csv", interpolate_where_yaw_wraps), columns)
+    steering = columns.steering_map
+    assert not isinstance(steering, str)
+    found = select_windows(odd, VEHICLE, steering, Windows(length=1.0, above=1.2))
+    (reason,) = (reason for reason in found.left_out if "jump of the yaw" in reason)
+    assert found.left_out[reason] >= 1
+    assert odd.yaw is not None
+    at = odd.time[1 + int(np.argmax(np.abs(np.diff(odd.yaw, 2))))]
+    for drive in found.drives:
+        first = float(drive.name.split()[1])
+        assert first + 1.0 < at or first - RUN_IN > at
+
+
 def test_what_is_left_out_is_counted_by_its_reason(
     tmp_path: Path, columns: Columns, monkeypatch: pytest.MonkeyPatch
 ) -> None:

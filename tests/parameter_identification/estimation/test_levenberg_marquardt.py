@@ -25,7 +25,8 @@ def test_a_stiff_kink_does_not_end_the_search_before_it(stiffness):
 
 
 @pytest.mark.parametrize(
-    ("steep", "steps", "converged"), [(1.0, 50, True), (1.0, 3, False), (10.0, 50, False)]
+    ("steep", "steps", "converged"),
+    [(1.0, 50, True), (1.0, 3, False), (10.0, 50, False), (30.0, 50, False)],
 )
 def test_a_search_that_is_given_up_says_so(monkeypatch, steep, steps, converged):
     """In the curved valley of Rosenbrock's function: too few steps, and none of use."""

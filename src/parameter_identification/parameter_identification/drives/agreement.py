@@ -1,6 +1,6 @@
-"""Checks of a recording's columns against its poses: swapped columns, wrong units and signs.
+"""Checks of a recording's columns against its poses: swapped columns, wrong units, signs, places.
 
-No model of the vehicle is asked, so that slow drives and gentle turns tell it too.
+No simulation of the vehicle is asked, so that slow drives and gentle turns tell it too.
 """
 
 from collections.abc import Iterator
@@ -8,13 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from parameter_identification.drives.motion import SLOWEST, Motion
+from parameter_identification.drives.motion import SLOWEST, TURNED, Motion
 from parameter_identification.drives.proportion import contradiction
 from parameter_identification.drives.table import Recording
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.wheels import AXLES
 
 STEP = 0.2  # s of way that shows a course
 FASTEST = 30.0  # m/s over a step, beyond which the pose jumped
@@ -25,6 +26,10 @@ ENOUGH = 100  # ticks
 LEAST_TURN = 0.1  # rad/s (rms), far above the noise of a heading's change
 LEAST_LATERAL = 0.5  # m/s^2 (rms)
 LEAST_STEERING = 0.1  # rad (rms), above the error of a steering's zero
+TURN_STEP = 0.5  # s of way that shows about which point the vehicle turns
+LEAST_CHANGE = 0.05  # rad (rms) by which the turns of such ways differ
+SLIPPING = 0.05  # of the wheelbase, by which the slip of the rear tyres may move that point
+MISPLACED = 0.3  # of the wheelbase, from which poses are those of another point
 
 
 def check_agreement(
@@ -55,6 +60,8 @@ def check_agreement(
         Naming the entry, and what may be wrong with it.
     """
     _check_way(recording.name, motion, headed=recording.yaw is not None)
+    if recording.yaw is not None:
+        _check_place(recording.name, motion, vehicle)
     moving = np.abs(motion.speed) > SLOWEST
     moving &= np.abs(motion.speed) < FASTEST
     for name, given, expected, least in _pairs(recording, motion, vehicle):
@@ -102,6 +109,45 @@ def _check_way(name: str, motion: Motion, *, headed: bool) -> None:
         raise IdentificationError(
             f"{name}: the vehicle does not move the way that yaw points: are x and y swapped, is "
             "the unit of yaw another one, or is it not counted from the axis of x to the left?"
+        )
+
+
+def _check_place(name: str, motion: Motion, vehicle: Vehicle) -> None:
+    """Raise if the poses are not those of the COM, by how far they move aside in turns.
+
+    The COM turns about the rear axle, but for the slip of its tyres. A heading that is off by the
+    same angle everywhere moves aside without turns too, and is let through.
+    """
+    step = round(TURN_STEP / TICK)
+    turn = motion.yaw[step:] - motion.yaw[:-step]
+    middle = slice(step // 2, step // 2 + len(turn))
+    speed, yaw = motion.speed[middle], motion.yaw[middle]
+    way_x, way_y = (v[step:] - v[:-step] for v in (motion.x, motion.y))
+    front, rear = (abs(vehicle.axle_x(axle)) for axle in AXLES)
+    load = vehicle.mass * front / vehicle.wheelbase
+    slip = load * speed**2 / vehicle.axle_stiffness()["rear"]  # m, ahead of the axle
+    shows = (speed > SLOWEST) & (slip < SLIPPING * vehicle.wheelbase)
+    shows &= np.hypot(way_x, way_y) < FASTEST * TURN_STEP
+    jumps = np.cumsum(np.abs(motion.turned) > TURNED)
+    shows &= jumps[step:] == jumps[:-step]
+    if np.count_nonzero(shows) < ENOUGH:
+        return
+    along = (np.cos(yaw) * way_x + np.sin(yaw) * way_y)[shows]
+    aside = (np.cos(yaw) * way_y - np.sin(yaw) * way_x + slip * turn)[shows]
+    turn = turn[shows]
+    change, rest = (v - along * (v @ along) / (along @ along) for v in (turn, aside))
+    energy = float(change @ change)
+    if energy < LEAST_CHANGE**2 * len(change):
+        return
+    behind = float(change @ rest) / energy
+    # ways that overlap err alike
+    std = float(np.sqrt(np.mean((rest - behind * change) ** 2) * step / energy))
+    if abs(behind - rear) > MISPLACED * vehicle.wheelbase + 3.0 * std:
+        raise IdentificationError(
+            f"{name}: the poses turn about a point {behind:.2g} m behind them; the centre of mass "
+            f"turns about the rear axle, {rear:.2g} m behind it: are they those of a point "
+            f"{behind - rear:+.2g} m farther ahead than the mapping says (its `sensor`)? Or is yaw "
+            "the direction of the motion, not that of the body? Then leave it out"
         )
 
 

@@ -13,6 +13,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
+TURNED = 0.1  # rad between the yaw and a smooth one, from which it jumps
 LONGEST = 86_400.0  # s that are taken to ticks
 
 
@@ -33,6 +34,8 @@ class Motion:
     yaw, yaw_rate : ndarray of float, shape (t,)
         Yaw of the body and its rate [rad, rad/s]; where the recording has no yaw, those of the
         direction in which the COM moves.
+    turned : ndarray of float, shape (t,)
+        Difference of the yaw from the smoothed one [rad]: large where it jumps.
     """
 
     time: FloatArray
@@ -44,6 +47,7 @@ class Motion:
     jolt: FloatArray
     yaw: FloatArray
     yaw_rate: FloatArray
+    turned: FloatArray
 
 
 def motion_of(recording: Recording) -> Motion:
@@ -87,6 +91,7 @@ def motion_of(recording: Recording) -> Motion:
         yaw = np.unwrap(np.arctan2(vy, vx))
     else:
         yaw = np.interp(time, recording.time, recording.yaw)
+    smoothed = savgol_filter(yaw, *FILTER)
     return Motion(
         time=time,
         x=savgol_filter(x, *FILTER),
@@ -95,6 +100,7 @@ def motion_of(recording: Recording) -> Motion:
         missed=missed,
         jolt=np.gradient(rough, TICK),
         speed=vx * np.cos(yaw) + vy * np.sin(yaw),
-        yaw=savgol_filter(yaw, *FILTER),
+        yaw=smoothed,
         yaw_rate=savgol_filter(yaw, *FILTER, deriv=1, delta=TICK),
+        turned=yaw - smoothed,
     )

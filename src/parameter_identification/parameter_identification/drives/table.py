@@ -54,6 +54,11 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Units that an entry may have; the first one is meant where none is given."""
 WHEELS = "wheel_speeds"
 BESIDE = 1.0  # s before and after the poses from which samples are of use
+STEADY = 30  # samples of a second clock from which its pace is looked at
+PARTS = 8  # of a recording, in which it is
+GROWN = 0.01  # s by which the offset of a clock changes that has another pace
+PACE = 0.02  # of a clock's time, by which it may run faster or slower
+UNSTEADY = 0.05  # s that a part may be off an even pace
 
 
 @dataclass(frozen=True)
@@ -529,15 +534,14 @@ def _by_own_clock(
 ) -> Samples:
     """Samples with a clock of their own, shifted to that of the poses.
 
-    Only these rows of the table count, whose times by the clock of the poses are `time`; the shift
-    is the median difference of both clocks.
+    Only these rows of the table count, whose times by the clock of the poses are `time`.
     """
     new = _at_new_times(rows, own, where)
     new = new[np.isfinite(values[new])]
     if not len(new):
         return Samples(time[:0], values[:0])
-    shift = float(np.median(time[np.searchsorted(rows, new)] - own[new]))
-    shifted = own[new] + shift
+    apart = time[np.searchsorted(rows, new)] - own[new]
+    shifted = own[new] + np.median(apart)
     # a clock may begin elsewhere than it goes on
     inside = (shifted > time[0] - BESIDE) & (shifted < time[-1] + BESIDE)
     if np.mean(inside) < 0.5:
@@ -545,7 +549,32 @@ def _by_own_clock(
             f"{where}: {np.mean(~inside):.0%} of its times are outside of those of the rows: it "
             "must be in s, and at their pace, or the unit of `time` is wrong"
         )
+    shifted = own[new] + _shift(own[new], apart, where)
     return Samples(shifted[inside], values[new][inside])
+
+
+def _shift(own: FloatArray, apart: FloatArray, where: str) -> FloatArray | float:
+    """What to add to times (m,) of a clock, which are so far `apart` from those of the poses.
+
+    The median; of a clock that runs faster or slower, what lies on a line through the medians of
+    the first and the last third. Rows that come late bend neither.
+    """
+    shift: FloatArray | float = float(np.median(apart))
+    if len(own) < STEADY:
+        return shift
+    third = len(own) // 3
+    (t0, t1), (a0, a1) = ((np.median(v[:third]), np.median(v[-third:])) for v in (own, apart))
+    if abs(a1 - a0) > GROWN and abs(a1 - a0) < PACE * (t1 - t0):
+        line = (a1 - a0) / (t1 - t0) * own
+        shift = line + np.median(apart - line)
+    parts = np.array_split(np.arange(len(own)), PARTS)
+    off = [abs(float(np.median((apart - shift)[part]))) for part in parts]
+    if max(off) > UNSTEADY:
+        raise IdentificationError(
+            f"{where}: does not run evenly by `time`: it is {max(off):.2g} s off a line: was it "
+            "set? Cut the table there"
+        )
+    return shift
 
 
 def _pose_of_com(pose: FloatArray, sensor: SensorPlace, where: str) -> FloatArray:

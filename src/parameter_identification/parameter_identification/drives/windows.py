@@ -33,7 +33,7 @@ from parameter_identification.drives.measured import (
     of_wheels,
     usable,
 )
-from parameter_identification.drives.motion import SLOWEST, Motion, motion_of
+from parameter_identification.drives.motion import SLOWEST, TURNED, Motion, motion_of
 from parameter_identification.drives.samples import MAX_GAP
 from parameter_identification.drives.smoothing import LEAST, smooth
 from parameter_identification.drives.table import (
@@ -426,6 +426,9 @@ def _beginnings(
             motion.time, recording.time, MAX_GAP
         ),
         "with a jump of the poses or a kink of the speed": jump,
+        "with a jump of the yaw, as where it wraps and was interpolated": (
+            np.abs(motion.turned) > TURNED
+        ),
         **_gaps_of_inputs(recording, motion),
     }
     step, free = max(1, round(windows.every / TICK)), 0

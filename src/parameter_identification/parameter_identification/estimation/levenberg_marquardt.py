@@ -77,13 +77,13 @@ def minimum_of(
         decrease = here.decrease(step)
         following = np.where(free, np.clip(here.at + step, low, high), here.at)
         scale = max(1.0, here.cost / samples)
-        if decrease < tolerance * scale:
-            return Fit(following, here.cost - decrease)
-        if damping.any() and decrease < ROUGHNESS * scale:
+        if damping.any() and decrease < max(ROUGHNESS, tolerance) * scale:
             if undamped:
                 break
             damping, undamped = np.zeros(len(start)), True  # it may be of a step long ago
             continue
+        if decrease < tolerance * scale:
+            return Fit(following, here.cost - decrease)
         trial = quadratic(following)
         if trial.cost < here.cost - 0.1 * decrease and trial.finite:
             here = trial
@@ -95,4 +95,5 @@ def minimum_of(
             most = 10.0 * np.maximum(damping, np.diag(here.information))
             damping = np.minimum(np.maximum(10.0 * damping, here.lacking(step, trial)), most)
     left = here.decrease(here.step(low, high, free=free))
-    return Fit(here.at, here.cost, converged=left < UNEXPLAINED * max(1.0, here.cost / samples))
+    explained = max(UNEXPLAINED, tolerance) * max(1.0, here.cost / samples)
+    return Fit(here.at, here.cost, converged=left < explained)
