@@ -1,26 +1,21 @@
 """A vehicle whose steering has an offset is kept on its line; without a lead-in it leaves it."""
 
 import math
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_modules import load_benchmark
 
 from excitation_planner.line_keeping import LineKeeping
 from excitation_planner.way_back.pursuit import Chassis
 
 START = 2.0, -1.0, 0.7  # m, m, rad, of base_link
 CHASSIS = Chassis()
-BENCHMARK = Path(__file__).parents[2] / "benchmarks/lead_in.py"
 
 
 @pytest.fixture(scope="module")
 def benchmark():
-    spec = spec_from_file_location("lead_in_benchmark", BENCHMARK)
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_benchmark("lead_in")
 
 
 def end_of_straight(

@@ -1,11 +1,10 @@
 """Returns on the 9-DOF vehicle; `benchmarks/way_back.py` runs a hundred of them."""
 
 import math
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_modules import load_benchmark
 
 from excitation_planner.area.area import Area
 from excitation_planner.area.tube import footprint_of
@@ -16,15 +15,10 @@ from tricycle_bringup.configuration import driver_parameters, turning_geometry
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import draw_truth, load_vehicle
 
-BENCHMARK = Path(__file__).parents[3] / "benchmarks/way_back.py"
-
 
 @pytest.fixture(scope="module")
 def benchmark():
-    spec = spec_from_file_location("way_back_benchmark", BENCHMARK)
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_benchmark("way_back")
 
 
 @pytest.mark.slow
