@@ -24,7 +24,7 @@ enum Constant {
     GRAVITY_Z, INVERSE_MASS, DRAG_PER_MASS, IXX, IYY, IZZ, INVERSE_IXX, INVERSE_IYY, INVERSE_IZZ,
     FRONT_X, REAR_X, LEFT_Y, RIGHT_Y, REAR_Y, WHEEL_Z, IW_FRONT, IW_REAR, INVERSE_IW_FRONT,
     INVERSE_IW_REAR, KING_PIN_X, KING_PIN_Z, ROLLOVER_COSINE, GRAVITY_X, GRAVITY_Y,
-    KZ, CZ, RADIUS, INVERSE_SIGMA_X, INVERSE_SIGMA_Y, V0_SQUARED, F1, F2, V_EPS_SQUARED,
+    KZ, CZ, RADIUS, INVERSE_SIGMA_X, INVERSE_SIGMA_Y, V0_SQUARED, INVERSE_V0, F1, F2, V_EPS_SQUARED,
     C_KAPPA, C_ALPHA, C_GAMMA, SAP, MU, LS0, LS1, VL_SQUARED, DX, DY,
     MOTOR_TORQUE, MOTOR_POWER, MOTOR_SLOPE, NO_LOAD_SPEED, REGENERATIVE, INVERSE_LAG, KP, KI,
     ANTI_WINDUP, MOTOR_RADIUS, BRAKE_TORQUE, BRAKE_STIFFNESS
@@ -71,7 +71,9 @@ static inline Wrench wheel(V* g, const V* c, int wheel, V ex, V ey, V ez, V nx, 
     V y0 = (c[LS0] + c[LS1] * load) * (c[C_ALPHA] * alpha + c[C_GAMMA] * lean) - c[DY] * fade * vy;
     V limit = c[MU] * load, limit2 = limit * limit, force2 = x0 * x0 + y0 * y0;
     V grip = limit / root(root(limit2 * limit2 + force2 * force2 + 1e-12));
-    V force_x = grip * x0, force_y = grip * y0, aligning = -c[SAP] * alpha * grip;
+    V share = larger(all(-1.0), smaller(all(1.0), vx * c[INVERSE_V0])), square = share * share;
+    V side = 0.125 * share * (15.0 - square * (10.0 - 3.0 * square));
+    V force_x = grip * x0, force_y = grip * y0, aligning = -c[SAP] * alpha * grip * side;
     V rolling2 = rolling * rolling;
     V resistance = rho * load * (c[F1] + c[F2] * rolling2) * rolling
                    / root(rolling2 + c[V_EPS_SQUARED]);

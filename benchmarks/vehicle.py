@@ -439,7 +439,12 @@ def main() -> int:
     line("one core: ns per vehicle step", f"{python / hand.steps * 1e9:.0f}")
     line("C++, one core: ns per vehicle step", f"{cpp / hand.steps * 1e9:.0f}")
     line("  ours over C++", f"{python / cpp:.2f}")
-    line("  largest difference of the paths", f"{np.abs(hand.out - hand.out_cpp)[:2].max():.0e} m")
+    difference = float(np.abs(hand.out - hand.out_cpp)[:2].max())
+    if not difference < 1e-6:
+        raise SystemExit(
+            f"vehicle.cpp drives other paths, {difference:.0e} m off: bring it up to date"
+        )
+    line("  largest difference of the paths", f"{difference:.0e} m")
 
     structures(vehicle, commands)
 
