@@ -24,7 +24,7 @@ import tricycle_sim
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle, planar
 from tricycle_sim.vehicle.batch import CommandedBatch
-from tricycle_sim.vehicle.layout import COMMANDED, EVENT, LANES
+from tricycle_sim.vehicle.layout import COMMANDED, EVENT, LANES, SLOPE, START
 from tricycle_sim.vehicle.parts import ROWS
 
 def samples(vehicle, n):
@@ -39,7 +39,8 @@ def compare(vehicle, commands, n=3, **how):
         cores, card = (run.columns[name] for run in runs)
         np.testing.assert_allclose(card, cores, rtol=1e-9, atol=1e-9, err_msg=name)
     # events too, but for the place of the friction's peak: rounding decides it while a wheel slides
-    rows = [*range(EVENT.friction_squared + 1), *range(EVENT.motor, COMMANDED)]
+    events = [*range(SLOPE, EVENT.friction_squared + 1), *range(EVENT.motor, COMMANDED)]
+    rows = [*range(START), *events]
     cores, card = (run.groups.reshape(-1, ROWS, LANES)[:, rows] for run in runs)
     np.testing.assert_allclose(card, cores, rtol=1e-6, atol=1e-6)
     return runs[1]

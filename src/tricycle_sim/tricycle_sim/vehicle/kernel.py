@@ -498,18 +498,21 @@ def _advance(
                         if k == ticks:
                             break
                         for j in range(laws.states * LANES):
-                            g[START * LANES + j] = g[j]
-                            g[SUM * LANES + j] = g[j]
-                    weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
-                    ahead = h if stage == 2 else h / 2.0
-                    for j in range(laws.states * LANES):
-                        slope = g[SLOPE * LANES + j]
-                        g[SUM * LANES + j] += weight * slope
-                        g[j] = g[START * LANES + j] + ahead * slope
+                            start, slope = g[j], g[SLOPE * LANES + j]
+                            g[START * LANES + j] = start
+                            g[SUM * LANES + j] = start + h / 6.0 * slope
+                            g[j] = start + h / 2.0 * slope
+                    elif stage == 3:
+                        for j in range(laws.states * LANES):
+                            g[j] = g[SUM * LANES + j] + h / 6.0 * g[SLOPE * LANES + j]
+                    else:
+                        ahead = h if stage == 2 else h / 2.0
+                        for j in range(laws.states * LANES):
+                            slope = g[SLOPE * LANES + j]
+                            g[SUM * LANES + j] += h / 3.0 * slope
+                            g[j] = g[START * LANES + j] + ahead * slope
                 if k == ticks:
                     break
-                for j in range(laws.states * LANES):
-                    g[j] = g[SUM * LANES + j]
                 if halted:  # stay where the step began
                     for i in range(lanes):
                         if g[ALIVE * LANES + i] == 0.0:
