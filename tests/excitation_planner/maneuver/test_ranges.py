@@ -34,6 +34,9 @@ def test_on_an_area_what_makes_a_maneuver_smaller_is_searched_too():
     assert bounds["gates"] == (3.0, 6.0)
     assert "lead_out" not in bounds
     assert circle.operation == Circle().operation  # whose speed is searched anyway
+    (sweep,) = with_ranges([family_by_name("sine_sweep")], {}, smaller=True)
+    assert sweep.operation.bounds()["turn"] == (0.0, 0.6)
+    assert sweep.operation.bounds()["duration"] == (6.0, 15.0)
     (given,) = with_ranges([family_by_name("slalom")], {"gates": (4.0, 5.0)}, smaller=True)
     assert given.operation.bounds()["gates"] == (4.0, 5.0)
 

@@ -40,8 +40,27 @@ def test_sweep_crosses_zero_as_often_as_its_phase_says():
     assert np.abs(steering).max() == pytest.approx(0.1, rel=0.01)
 
 
+@pytest.mark.parametrize("turn", [0.4, -0.4])
+def test_a_sweep_about_a_turn_is_that_straight_ahead_and_a_ramp(turn):
+    x = np.array([0.1, 1.0])
+    straight, turned = (SineSweep(turn=angle).drive(x, VEHICLE) for angle in (0.0, turn))
+    ramp = turned.steering_motor_angle - straight.steering_motor_angle
+    step = SineSweep.speed / ACCELERATION + SETTLING_TIME
+    reached = straight.time >= step + abs(turn) / (0.5 * VEHICLE.steering_slew)
+    assert np.all(ramp[straight.time <= step] == 0.0)
+    assert np.allclose(ramp[reached], turn)
+    assert np.all(np.abs(np.diff(ramp)) <= 0.5 * VEHICLE.steering_slew * 0.02 + 1e-12)
+    np.testing.assert_array_equal(turned.speed, straight.speed)
+
+
 @pytest.mark.parametrize(
-    ("family", "x"), [(StepSteer(), (0.3, 2.0)), (StepSteer(), (0.6, 0.8)), (SineSweep(), (0.1, 1))]
+    ("family", "x"),
+    [
+        (StepSteer(), (0.3, 2.0)),
+        (StepSteer(), (0.6, 0.8)),
+        (SineSweep(), (0.1, 1.0)),
+        (SineSweep(turn=0.4), (0.1, 1.0)),
+    ],
 )
 def test_the_nominal_vehicle_drives_it_within_all_limits(family, x):
     run = nominal_run(VEHICLE, family, np.array(x, dtype=float))

@@ -78,6 +78,18 @@ def test_a_lane_change_for_a_small_yard_is_shorter_and_fits() -> None:
 
 
 @pytest.mark.slow
+def test_a_sweep_for_a_yard_shorter_than_itself_is_driven_about_a_turn() -> None:
+    sweep, area = family_by_name("sine_sweep"), yard(12.0, 25.0)
+    asked = PlanRequest(load_vehicle(), sweep, "cornering_stiffness", Criterion.C, budget=6000)
+    free = plan_maneuver(asked)
+    assert np.ptp(free.path, axis=0).max() > 25.0
+    (smaller,) = with_ranges([sweep], {}, smaller=True)
+    plan = plan_maneuver(replace(asked, family=smaller, area=area))
+    assert plan.operation["turn"] > 0.1
+    assert free.criterion_cost / plan.criterion_cost > 0.8  # of the information
+
+
+@pytest.mark.slow
 def test_a_slalom_in_a_small_yard_teaches_as_much_whatever_the_seed() -> None:
     vehicle, slalom, area = load_vehicle(), family_by_name("slalom"), yard(12.0, 25.0)
     (smaller,) = with_ranges([slalom], {}, smaller=True)

@@ -21,6 +21,9 @@ MAX_BYTES = 100_000
 SMALLER = {"speed": 0.5, "length": 0.4, "duration": 0.4, "gates": 0.5}
 """Settings by which a maneuver needs less ground, and the share down to which they are searched."""
 
+TURNS = {"turn": (0.0, 0.6)}
+"""Settings by which a maneuver stays near its start, and the ranges in which they are searched."""
+
 
 @dataclass(frozen=True)
 class RangedFamily:
@@ -139,8 +142,9 @@ def with_ranges(
         parameter, or a setting of the family that is a number, as the speed of a slalom, which then
         is one too.
     smaller : bool
-        Whether of families whose speed is a setting those in `SMALLER` are searched too, unless a
-        range is given: a slow vehicle stops in less room, and a short maneuver needs less.
+        Whether of families whose speed is a setting those in `SMALLER` and `TURNS` are searched
+        too, unless a range is given: a slow vehicle stops in less room, and a short maneuver, or
+        one about a turn, needs less.
 
     Raises
     ------
@@ -166,9 +170,10 @@ def _with_own_ranges(family: ManeuverFamily, ranges: Bounds, *, smaller: bool) -
     }
     for name in _settings(family):
         limits = ranges.get(f"{family.name}.{name}", ranges.get(name))
-        if limits is None and smaller and name in SMALLER and "speed" in _settings(family):
-            usual = float(getattr(family, name))
-            limits = SMALLER[name] * usual, usual
+        if limits is None and smaller and "speed" in _settings(family):
+            usual, limits = float(getattr(family, name)), TURNS.get(name)
+            if name in SMALLER:
+                limits = SMALLER[name] * usual, usual
         if limits is not None:
             bounds[name] = limits
     if bounds == family.operation.bounds():

@@ -102,7 +102,8 @@ class StepSteer:
 class SineSweep:
     """Sine of the steering whose frequency rises: x = (amplitude in rad, last frequency in Hz).
 
-    The frequency rises linearly with time.
+    The frequency rises linearly with time. About a turn instead of straight ahead, a sweep of any
+    duration fits an area.
 
     Attributes
     ----------
@@ -114,12 +115,15 @@ class SineSweep:
         Duration of the sweep [s].
     speed : float
         Speed during the sweep [m/s].
+    turn : float
+        Steering motor angle about which it sweeps [rad]; approached at half the slew rate.
     """
 
     operation: Box = SWEEP_OPERATION
     first_frequency: float = 0.2
     duration: float = 15.0
     speed: float = 2.0
+    turn: float = 0.0
     name: ClassVar[str] = "sine_sweep"
 
     def drive(self, x: FloatArray, vehicle: Vehicle) -> Commands:
@@ -137,6 +141,7 @@ class SineSweep:
 
         def angle(t: FloatArray) -> FloatArray:
             phase = 2.0 * np.pi * (self.first_frequency * t + 0.5 * rise * t**2)
-            return np.asarray(amplitude * np.sin(phase))
+            reach = 0.5 * vehicle.steering_slew * t
+            return np.asarray(np.clip(self.turn, -reach, reach) + amplitude * np.sin(phase))
 
         return steered(vehicle, self.speed, angle, duration=self.duration)

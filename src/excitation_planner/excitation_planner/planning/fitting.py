@@ -83,6 +83,9 @@ BETTER = 0.01
 STARTS = 4
 """Maneuvers that are handed out, and those beside which candidates lie."""
 
+FURTHER = 8
+"""Maneuvers whose room is looked for after the best that fits, to hand out others beside it."""
+
 APART = 0.03
 """Least distance between them on some axis, in ranges."""
 
@@ -189,10 +192,14 @@ class FittingSearch:
             enough &= tried >= FEWEST * dimensions
             if enough or tried >= MOST or not len(new := self._next(rng)):
                 break
-        chosen = list[FloatArray]()
+        chosen, further = list[FloatArray](), 0
         for one in self._by_cost():
-            if len(chosen) < STARTS and _apart(one.u, chosen) and self._fits(one):
-                chosen.append(one.u)
+            if len(chosen) == STARTS or further == FURTHER:
+                break
+            if _apart(one.u, chosen):
+                further += bool(chosen)
+                if self._fits(one):
+                    chosen.append(one.u)
         return np.array(chosen).reshape(-1, dimensions)
 
     def history(self) -> tuple[FloatArray, FloatArray]:
