@@ -35,13 +35,21 @@ from tricycle_core.errors import ExcitationError, IdentificationError, message_o
 from tricycle_core.frames import of_frame
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
-from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
+from tricycle_core.nodes import (
+    LATCHED,
+    RECORDED,
+    NotTheExecutors,
+    declare,
+    overridable,
+    run_node,
+)
 from tricycle_core.stamps import SECOND, seconds_of
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 
 PERIOD = 1.0  # s of wall time between updates
 LATE = 0.2  # s of wall time in which a sensor that has more samples tells one
+TAKEN = 0.1  # s of wall time between looks for samples
 SILENT = 2 * SECOND  # of the driver's state, which it repeats every half second of a drive
 UNHEARD = 0.1  # s of the steering in a lead-in that may be missing
 TOPIC = "identification/estimates"
@@ -143,20 +151,38 @@ class IdentificationMonitor(Node):
         self._plan_id = ""  # of the newest drive
         self._estimates = self.create_publisher(DiagnosticStatus, TOPIC, **overridable(LATCHED))
         topics = TopicNames()
-        for kind, topic, callback, qos in (
-            (JointTrajectory, topics.commands, self._on_commands, LATCHED),
-            (PathMessage, topics.lead_in, self._on_lead_in, LATCHED),
-            (JointState, topics.played, self._on_played, RECORDED),
-            (DiagnosticStatus, topics.state, self._on_state, LATCHED),
-            (Odometry, topics.pose, self._on_odom, SENSORS),
-            (Imu, topics.imu, self._on_imu, SENSORS),
-            (JointState, topics.joint_states, self._on_joints, SENSORS),
+        for kind, topic, callback in (
+            (JointTrajectory, topics.commands, self._on_commands),
+            (PathMessage, topics.lead_in, self._on_lead_in),
+            (DiagnosticStatus, topics.state, self._on_state),
         ):
-            self.create_subscription(kind, topic, callback, **overridable(qos))
+            self.create_subscription(kind, topic, callback, **overridable(LATCHED))
+        # the executor's wait for each message would take most of the processor time
+        many = NotTheExecutors()
+        self._many = [
+            self.create_subscription(kind, topic, callback, callback_group=many, **overridable(qos))
+            for kind, topic, callback, qos in (
+                (JointState, topics.played, self._on_played, RECORDED),
+                (Odometry, topics.pose, self._on_odom, SENSORS),
+                (Imu, topics.imu, self._on_imu, SENSORS),
+                (JointState, topics.joint_states, self._on_joints, SENSORS),
+            )
+        ]
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation may be fast
+        self.create_timer(TAKEN, self._take, clock=steady)
         self.create_timer(PERIOD, self._update, clock=steady)
         self.create_timer(LATE, self._tell_fitted, clock=steady)
         self._late = self.create_timer(LATE, self._end, clock=steady, autostart=False)
+
+    def _take(self) -> None:
+        """Take the samples and set-points that have come."""
+        for subscription in self._many:
+            with subscription.handle:
+                for _ in range(SENSORS.depth):
+                    taken = subscription.handle.take_message(subscription.msg_type, False)
+                    if taken is None:
+                        break
+                    subscription.callback(taken[0])
 
     def _on_odom(self, message: Odometry) -> None:
         wanted = TopicNames().child_frame
@@ -255,6 +281,7 @@ class IdentificationMonitor(Node):
 
     def _end(self) -> None:
         """Have told what the drive has shown, once its last samples have come."""
+        self._take()
         if self._live.began_anew:
             self._late.cancel()
             self._abandon(CLOCK_BEGAN_ANEW)
@@ -322,6 +349,7 @@ class IdentificationMonitor(Node):
     def _update(self) -> None:
         if self._running is None:
             return
+        self._take()
         if self._live.began_anew:
             self._abandon(CLOCK_BEGAN_ANEW)
         elif self._live.newest(Sensor.POSITION) > self._heard + SILENT:

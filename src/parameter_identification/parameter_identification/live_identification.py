@@ -84,6 +84,9 @@ CLIPPED = 0.95
 REACHED = 0.5
 """Time in which the steering reaches a commanded angle [s]."""
 
+LONGER = 1.2
+"""How many times as long the drive has become when an update estimates the noise again."""
+
 CHORD = 0.5
 """Time between the positions that a way is summed over [s]: shorter ones would add noise."""
 
@@ -242,6 +245,7 @@ class _LastFit:
     z: FloatArray | None = None  # parameters in their ranges
     nuisances: dict[str, float] = field(default_factory=dict)  # in their units
     noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
+    noise_until: float = 0.0  # end of the samples that it was estimated from, s
     rate: dict[Sensor, float] = field(default_factory=dict)  # Hz
 
 
@@ -600,9 +604,10 @@ class LiveIdentification:
             fit = problem.minimise(drive.variables(problem), tolerance=ROUGH)
             if last:
                 fit = settled(problem, fit)
-            else:
+            elif elapsed >= LONGER * drive.fit.noise_until or signals.keys() - drive.fit.noise:
                 problem.estimate_noise(fit.at)
                 fit = problem.minimise(fit.at, tolerance=ROUGH)
+                drive.fit.noise_until = elapsed
             covariance = problem.quadratic(fit.at).covariance()
             drive.keep(problem, fit.at)
         if not fit.converged:
