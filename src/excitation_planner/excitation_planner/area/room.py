@@ -10,7 +10,7 @@ import shapely
 from excitation_planner.area.area import Area
 from excitation_planner.area.fence import START_POSITION_TOLERANCE
 from excitation_planner.area.placement import Placement, at_pose, best_placement, clearance_of
-from excitation_planner.area.tube import BEYOND, TOLERANCE, tube_of
+from excitation_planner.area.tube import BEYOND, TOLERANCE, Tube, tube_of
 from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
@@ -65,6 +65,8 @@ class Room:
         Corners of the vehicle in its body frame [m].
     position_std : float
         Standard deviation of the localisation [m]; three of it are kept beside the margin.
+    kept_load : float
+        Least load of every wheel of the vehicles of the ranges, as in `tube_of`.
 
     Raises
     ------
@@ -75,6 +77,7 @@ class Room:
     area: Area
     footprint: FloatArray
     position_std: float = 0.0
+    kept_load: float = 0.0
 
     def __post_init__(self) -> None:
         vehicle = np.ptp(self.footprint, axis=0)
@@ -92,6 +95,9 @@ class Room:
             self.area.margin + 3.0 * self.position_std + START_POSITION_TOLERANCE + DIRECTION_NOISE
         )
 
+    def _tube(self, vehicle: Vehicle, commands: Commands, *, rough: bool = False) -> Tube:
+        return tube_of(vehicle, commands, self.footprint, rough=rough, kept_load=self.kept_load)
+
     def fit(self, vehicle: Vehicle, commands: Commands) -> Fit:
         """Return how a maneuver fits, at its best start pose.
 
@@ -107,7 +113,7 @@ class Room:
         InfeasibleManeuver
             If a vehicle of the ranges rolls over.
         """
-        tube = tube_of(vehicle, commands, self.footprint)
+        tube = self._tube(vehicle, commands)
         best = best_placement(tube.whole, self.area)
         if best.clearance < self.needed:
             # the searches of `lacks` sometimes find a pose that this one has missed
@@ -139,7 +145,7 @@ class Room:
         InfeasibleManeuver
             If one of a few vehicles of the ranges rolls over.
         """
-        rough = tube_of(vehicle, commands, self.footprint, rough=True)
+        rough = self._tube(vehicle, commands, rough=True)
         return best_placement(rough.whole, self.area, enough=self.needed + ALLOWANCE)
 
     def lacks(self, vehicle: Vehicle, commands: Commands, place: Placement) -> float:
@@ -159,7 +165,7 @@ class Room:
         InfeasibleManeuver
             If a vehicle of the ranges rolls over.
         """
-        tube = tube_of(vehicle, commands, self.footprint)
+        tube = self._tube(vehicle, commands)
         there = at_pose(tube.pieces, place.x, place.y, place.heading)
         # the outline of all pieces is drawn up to twice the tolerance outwards
         shortage = self.needed + 2.0 * TOLERANCE - clearance_of(there, self.area)

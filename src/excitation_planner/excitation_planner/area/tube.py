@@ -117,6 +117,7 @@ def tube_of(
     footprint: FloatArray,
     *,
     rough: bool = False,
+    kept_load: float = 0.0,
 ) -> Tube:
     """Return the ground that vehicles of the ranges may cover under the same commands.
 
@@ -131,11 +132,14 @@ def tube_of(
     rough : bool
         Whether a part of the tube is enough that takes less time: that of the first `LANES`
         vehicles, at `ROUGH_EVERY` and `ROUGH_STOP_EVERY`.
+    kept_load : float
+        Least load of every wheel, as a share of the mean load of the wheels at rest.
 
     Raises
     ------
     InfeasibleManeuver
-        If the nominal vehicle cannot drive the maneuver, or another one rolls over.
+        If the nominal vehicle cannot drive the maneuver, another one rolls over, or a wheel of one
+        carries less than `kept_load`.
     """
     batch = CommandedBatch(vehicle, commands)
     # eight vehicles take as long as one
@@ -148,6 +152,11 @@ def tube_of(
     if (over := run.feasibility.rolled_over.happened).any():
         reason = "; ".join(run.feasibility.reasons(int(np.argmax(over))))
         raise InfeasibleManeuver(f"a vehicle of the ranges: {reason}")
+    least = min(float(load.value.min()) for load in run.feasibility.least_load.values())
+    if least < (kept := kept_load * vehicle.of(vehicle.wheels[0]).mean_load):
+        raise InfeasibleManeuver(
+            f"a vehicle of the ranges: a wheel carries {least:.0f} N, {kept:.0f} N are kept"
+        )
 
     def thinned(column: FloatArray, seconds: float) -> FloatArray:
         step = round(seconds / TICK) // every

@@ -54,6 +54,12 @@ FITTING = 0.75
 SIDE_BY_SIDE = 4
 """Threads at least: the maneuvers that the search asks for at a time share the cores evenly."""
 
+KEPT_LOAD = 0.1
+"""Least load of every wheel in what is searched on an area, as a share of the mean wheel load.
+
+So a mirror image that the vehicle drives a little differently lifts no wheel either.
+"""
+
 ROOM_RUNS = LANES + 1 + VEHICLES
 """Simulations by which it is found whether a maneuver fits."""
 
@@ -146,7 +152,7 @@ def _searched(
         design = _searched_by_indices(request, executor, progress)
         return design, [design.x], _history(design)
     operations = tuple(family.operation for family in request.families)
-    room, runs = _room(request), _Runs.of(request)
+    room, runs = _room(request, KEPT_LOAD), _Runs.of(request)
     maneuvers = ManeuverSet(_trajectories(request, room), operations)
     begin = _Beginning(request.budget)
     if request.search is Search.ADAPTIVE and request.others:
@@ -268,7 +274,7 @@ def _searched_by_indices(
 ) -> Design:
     """The design by the criterion H: that of one maneuver."""
     return design_excitation(
-        ReplayedTrajectoryError(request.vehicle, request.family, _room(request)),
+        ReplayedTrajectoryError(request.vehicle, request.family, _room(request, KEPT_LOAD)),
         request.family.operation,
         request.vehicle.unknown,
         request.target,
@@ -289,10 +295,11 @@ def _history(design: Design) -> SearchHistory:
     )
 
 
-def _room(request: PlanRequest) -> Room | None:
+def _room(request: PlanRequest, kept_load: float = 0.0) -> Room | None:
     if request.area is None:
         return None
-    return Room(request.area, footprint_of(request.vehicle), request.noise.position_std)
+    footprint, position_std = footprint_of(request.vehicle), request.noise.position_std
+    return Room(request.area, footprint, position_std, kept_load)
 
 
 def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
