@@ -1,5 +1,6 @@
 """Poses that come out of a filter: found by the gyro, and given to the model."""
 
+import json
 import math
 from pathlib import Path
 
@@ -15,8 +16,7 @@ from parameter_identification.estimation.inputs import effects_of_columns
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.prior import box_prior
 from parameter_identification.estimation.problem import LeastSquares, Loss
-from parameter_identification.estimation.redrawn import Table, redraw_of
-from parameter_identification.identification import identify
+from tricycle_cli.main import main
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.effects import effects_of
@@ -141,12 +141,17 @@ def test_the_speed_is_that_before_the_filter(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_identification_from_filtered_poses_holds_the_truth(tmp_path: Path) -> None:
-    recording = filtered_table(tmp_path / "drive.csv", 0.15, 40.0)
-    table = Table(recording, VEHICLE, SteeringMap(), Windows())
-    effects = effects_of_columns(COLUMNS)
-    found = identify(table.drives(), VEHICLE, effects=effects, redraw=redraw_of([table]))
+def test_identification_from_filtered_poses_holds_the_truth_and_tells_the_filter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table, mapping = tmp_path / "drive.csv", tmp_path / "mapping.yaml"
+    filtered_table(table, 0.15, 40.0)
+    mapping.write_text("time: t\nx: x\ny: y\nyaw: yaw\nyaw_rate: gyro\nsteering_angle: angle\n")
+    assert main(["identify", str(table), "--columns", str(mapping), "--json"]) == 0
+    out, told = capsys.readouterr()
+    assert "like a low-pass of 0.15 s" in told
+    parameters = json.loads(out)["parameters"]
     for name in ("cornering_stiffness", "camber_stiffness", "yaw_inertia"):
-        estimate = found.parameters[name]
-        assert estimate.identifiable
-        assert estimate.low <= {**VEHICLE.nominal, **TRUTH}[name] <= estimate.high
+        estimate = parameters[name]
+        assert estimate["identifiable"]
+        assert estimate["low"] <= {**VEHICLE.nominal, **TRUTH}[name] <= estimate["high"]
