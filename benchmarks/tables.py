@@ -2,7 +2,7 @@
 
     python benchmarks/tables.py [--vehicles 20] [--position NOISE ...] [--steering ...]
         [--loop none|own|late|quick|slow|scale ...] [--late SECONDS ...] [--angle NOISE ...]
-        [--duration SECONDS ...] [--wheel]
+        [--duration SECONDS ...] [--filtered SECONDS ...] [--wheel]
 
 Random vehicles are driven for a minute at 0.7 to 1.1 m/s, steered by three sines. The tables come
 at 50 Hz: the pose, with each noise of the positions in turn and 0.2 rad per m of it of the heading,
@@ -12,9 +12,10 @@ are identified as `tricycle identify FILE --columns MAPPING` does it. With `--lo
 the set-points of the speed too, of a loop that is the vehicle file's, hears of them 0.1 s late, has
 twice its gains or half of them, or is 2 % faster than it believes. With `--late` the steering comes
 so much later than the poses (negative: earlier). `--angle` and `--duration` are other noises of the
-angle [rad] and lengths of the drives. Printed, of each parameter: in how many vehicles it is shown,
-how many 95 % intervals hold the truth there, and their median width in % of the range; then the
-cells whose coverage an exact binomial test rejects (held_intervals.py).
+angle [rad] and lengths of the drives. With `--filtered` the poses come out of a low-pass of the
+first order, with such a time constant; noise is added behind it. Printed, of each parameter: in how
+many vehicles it is shown, how many 95 % intervals hold the truth there, and their median width in %
+of the range; then the cells whose coverage an exact binomial test rejects (held_intervals.py).
 """
 
 import argparse
@@ -27,6 +28,7 @@ from pathlib import Path
 import numpy as np
 from held_intervals import Tally
 from identification import VEHICLE, draw
+from scipy.signal import lfilter
 
 from parameter_identification.drives.table import Columns, SteeringMap, read_recording
 from parameter_identification.drives.windows import Windows
@@ -61,7 +63,16 @@ def drive(rng, duration):
     return Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(speed, time))
 
 
-def identified(seed, position, steering, loop, late, angle, duration, wheel):
+def low_passed(values, constant):
+    """Values on ticks, behind a low-pass of the first order."""
+    if constant == 0.0:
+        return values
+    share = -np.expm1(-TICK / constant)
+    start = [(1.0 - share) * values[0]]
+    return lfilter([share], [1.0, share - 1.0], values, zi=start)[0]
+
+
+def identified(seed, position, steering, loop, late, angle, duration, filtered, wheel):
     """Truth, parameters found and number of windows of a vehicle."""
     rng, truth = np.random.default_rng([seed, 1]), draw(seed)
     commands = drive(rng, duration)
@@ -75,9 +86,9 @@ def identified(seed, position, steering, loop, late, angle, duration, wheel):
     time = np.arange(0.0, commands.duration - EVERY, EVERY)
     columns = {"t": time}
     for name, values, noise in (
-        ("x", motion.x[0], position),
-        ("y", motion.y[0], position),
-        ("yaw", motion.yaw[0], 0.2 * position),
+        ("x", low_passed(motion.x[0], filtered), position),
+        ("y", low_passed(motion.y[0], filtered), position),
+        ("yaw", low_passed(motion.yaw[0], filtered), 0.2 * position),
         ("yaw_rate", motion.yaw_rate[0], 0.0 if exact else 1e-3),
         ("steering_angle", motion.steering_motor_angle[0], 0.0 if exact else angle),
         ("wheel_speed", motion.drive_speed[0], 0.0 if exact else 1e-2),
@@ -126,20 +137,28 @@ def main():
     parser.add_argument("--late", type=float, nargs="+", default=[0.0], metavar="SECONDS")
     parser.add_argument("--angle", type=float, nargs="+", default=[2e-3], metavar="NOISE")
     parser.add_argument("--duration", type=float, nargs="+", default=[60.0], metavar="SECONDS")
+    parser.add_argument("--filtered", type=float, nargs="+", default=[0.0], metavar="SECONDS")
     parser.add_argument("--wheel", action="store_true")
     args = parser.parse_args()
     tally = Tally()
     with ProcessPoolExecutor() as pool:
-        for position, steering, loop, late, angle, duration in itertools.product(
-            args.position, args.steering, args.loop, args.late, args.angle, args.duration
+        for position, steering, loop, late, angle, duration, filtered in itertools.product(
+            args.position,
+            args.steering,
+            args.loop,
+            args.late,
+            args.angle,
+            args.duration,
+            args.filtered,
         ):
             seeds = range(args.vehicles)
-            values = position, steering, loop, late, angle, duration, args.wheel
+            values = position, steering, loop, late, angle, duration, filtered, args.wheel
             found = list(pool.map(identified, seeds, *map(itertools.repeat, values)))
             cell = f"{1e3 * position:g} mm, {steering}" + f", loop {loop}" * (loop != "none")
             cell += f", steering {late:g} s late" * (late != 0.0)
             cell += f", angle {1e3 * angle:g} mrad" * (steering == "angle" and len(args.angle) > 1)
             cell += f", {duration:g} s" * (len(args.duration) > 1)
+            cell += f", poses filtered by {filtered:g} s" * (filtered != 0.0)
             windows = np.median([number for _, _, number in found])
             print(f"positions {cell}: {windows:g} windows (median)", flush=True)
             for i, name in enumerate(VEHICLE.unknown):

@@ -451,6 +451,7 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
         vehicle_hash="abc",
         turn_std=1e-3,
         steering_late=0.08,
+        pose_filter=0.15,
         unheard=(Sensor.MOTOR_TORQUE,),
     )
     keep(drive, tmp_path / "drive.npz")
@@ -458,7 +459,7 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
     told = again.steering_angle
     assert np.array_equal([told.time, told.values], [time, np.sin(time)])
     fields = ("name", "truth", "complete", "began", "measured_throughout", "vehicle_hash")
-    for field in (*fields, "turn_std", "steering_late", "unheard"):
+    for field in (*fields, "turn_std", "steering_late", "pose_filter", "unheard"):
         assert getattr(again, field) == getattr(drive, field), field
     assert measured_in(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():

@@ -114,6 +114,11 @@ def _windows_of(
     selection = select_windows(recording, vehicle, steering, windows)
     table = Table(recording, vehicle, steering, windows)
     remark = _used(recording, selection, windows)
+    if recording.pose_filter > 0.0:
+        remark += (
+            f"\n{recording.name}: the poses come out of a filter, as the yaw rate shows: like a "
+            f"low-pass of {recording.pose_filter:.2g} s; so do those of the model"
+        )
     if isinstance(steering, EstimatedMap):
         remark += f"\n{recording.name}: {steering}; the effects of the steering are relative to it"
     if columns.acceleration_x is not None:

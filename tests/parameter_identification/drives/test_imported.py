@@ -107,6 +107,12 @@ def test_a_bag_without_a_start_names_the_table_to_identify_from(drive, tmp_path)
         read_measured_drive(tmp_path / "bag", VEHICLE)
 
 
+def test_a_filter_of_the_poses_is_noted_in_the_bag(drive, tmp_path):
+    recording = dataclasses.replace(recording_of(drive), pose_filter=0.15)
+    write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag")
+    assert read_measured_drive(tmp_path / "bag", VEHICLE).pose_filter == 0.15
+
+
 def test_a_measured_steering_angle_is_in_the_bag(drive, tmp_path):
     recording = recording_of(drive)
     time = np.arange(0.0, recording.time[-1], 0.02)

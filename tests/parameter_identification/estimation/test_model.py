@@ -30,13 +30,18 @@ def model(drive, request):
 
 def start_of(model):
     """Nuisances, in standard deviations, of the true start."""
-    exact = {"start x": 3.0, "start y": -2.0, "start heading": 2.5}
+    exact = {"start x": 3.0, "start y": -2.0, "start heading": 2.5, "pose filter": 0.15}
     return np.array([(exact.get(n.name, 0.0) - n.mean) / n.std for n in model.nuisances])
 
 
 def test_with_the_truth_nothing_is_left(model):
     for p in model.predict(shares(TRUTH), start_of(model)):
         np.testing.assert_allclose(p.residual, 0.0, atol=1e-9)
+
+
+def test_derivatives_by_the_filter_of_the_poses_are_those_of_the_prediction(drive):
+    filtered = DriveModel(VEHICLE, dataclasses.replace(drive, pose_filter=0.15))
+    test_derivatives_are_those_of_the_prediction(filtered)
 
 
 def test_derivatives_are_those_of_the_prediction(model):

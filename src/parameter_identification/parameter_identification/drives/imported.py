@@ -18,6 +18,7 @@ from parameter_identification.drives.measured_from_bag import (
     FROM_POSES,
     FROM_TURNS,
     GIVEN,
+    POSE_FILTER,
     SPEED_SOURCE,
     STEERING_SOURCE,
     TURN_STD,
@@ -125,6 +126,8 @@ def write_bag(
     if "speed_command" not in recording.more:
         metadata[SPEED_SOURCE] = FROM_POSES
     metadata[STEERING_SOURCE] = FROM_TURNS if isinstance(steering, EstimatedMap) else GIVEN
+    if recording.pose_filter > 0.0:
+        metadata[POSE_FILTER] = repr(recording.pose_filter)
     rows = list(_sensed(recording, vehicle, steering))
     start = _start(recording)
     if start is not None:

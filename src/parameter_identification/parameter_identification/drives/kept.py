@@ -20,7 +20,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
-FORMAT = 8  # counted up with what is read of a bag, so that older files are read anew
+FORMAT = 9  # counted up with what is read of a bag, so that older files are read anew
 
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
@@ -69,6 +69,7 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
         "vehicle_hash": np.array(drive.vehicle_hash),
         "turn_std": np.array(drive.turn_std),
         "steering_late": np.array(drive.steering_late),
+        "pose_filter": np.array(drive.pose_filter),
         "unheard": np.array([sensor.name for sensor in drive.unheard], dtype=str),
         "commands": np.array([commands.time, commands.steering_motor_angle, commands.speed]),
         "truth": np.array(list(drive.truth.values())),
@@ -120,6 +121,7 @@ def load_kept(file: Path) -> MeasuredDrive:
             vehicle_hash=str(arrays["vehicle_hash"]),
             turn_std=float(arrays["turn_std"]),
             steering_late=float(arrays["steering_late"]),
+            pose_filter=float(arrays["pose_filter"]),
             unheard=tuple(Sensor[name] for name in arrays["unheard"].tolist()),
             steering_angle=Samples(*arrays[Input.STEERING.name].T)
             if Input.STEERING.name in arrays

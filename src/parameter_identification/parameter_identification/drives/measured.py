@@ -224,6 +224,8 @@ class MeasuredDrive:
     steering_late : float
         By how much the steering of the commands may be late against the signals [s]; they go on
         for so long after these.
+    pose_filter : float
+        Time constant of the low-pass that its positions and headings come out of [s]; 0: none.
     recording : str
         Name of the recording that it is a window of; empty: a drive of its own.
     map_estimated : bool
@@ -252,6 +254,7 @@ class MeasuredDrive:
     speed_std: float = 0.0
     turn_std: float = 0.0
     steering_late: float = 0.0
+    pose_filter: float = 0.0
     recording: str = ""
     map_estimated: bool = False
     vehicle_hash: str = ""

@@ -36,6 +36,7 @@ VEHICLE_HASH = "vehicle_hash"  # in the record of a bag of `tricycle drive`
 SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"
 STEERING_SOURCE, FROM_TURNS, GIVEN = "steering_map_from", "turns", "mapping"
 TURN_STD = "steering_curvature_std"  # 1/m, of set-points that were made from measured angles
+POSE_FILTER = "pose_filter_time_constant"  # s
 
 
 def read_measured_drive(
@@ -114,8 +115,9 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         complete=drive.complete,
         began=drive.recorded / SECOND,
         steering_angle=_steering_angle(drive, end),
-        turn_std=_turn_std(drive),
+        turn_std=_told(drive, TURN_STD),
         steering_late=late,
+        pose_filter=_told(drive, POSE_FILTER),
         vehicle_hash=drive.metadata.get(VEHICLE_HASH, ""),
         unheard=tuple(sensor for sensor, s in signals.items() if len(s.time) < MIN_SAMPLES),
     )
@@ -130,13 +132,13 @@ def _made_from_poses(metadata: Mapping[str, str]) -> str:
     return ""
 
 
-def _turn_std(drive: RecordedDrive) -> float:
-    """Standard deviation of the curvature that the set-points of an imported bag give [1/m]."""
-    told = drive.metadata.get(TURN_STD, "0")
+def _told(drive: RecordedDrive, entry: str) -> float:
+    """A number that the record of an imported bag holds; 0 where it holds none."""
+    told = drive.metadata.get(entry, "0")
     with contextlib.suppress(ValueError):
-        if 0.0 <= (std := float(told)) < math.inf:
-            return std
-    raise IdentificationError(f"{drive.bag}: {TURN_STD} = {told!r} must be a number from 0 on")
+        if 0.0 <= (number := float(told)) < math.inf:
+            return number
+    raise IdentificationError(f"{drive.bag}: {entry} = {told!r} must be a number from 0 on")
 
 
 def _signals(drive: RecordedDrive, vehicle: Vehicle, end: float) -> dict[Sensor, Signal]:

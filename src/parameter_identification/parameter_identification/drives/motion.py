@@ -1,5 +1,6 @@
 """Motion of the body in a recording: its poses, smoothed, on ticks."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +85,9 @@ def motion_of(recording: Recording) -> Motion:
     x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
     rough = np.hypot(*(savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y)))
     positions = smooth(recording.time, recording.poses[:, :2])
-    vx, vy = positions.spline.derivative()(time).T
+    late = recording.pose_filter
+    velocity = positions.spline.derivative()
+    vx, vy = (velocity(time) + late * velocity.derivative()(time)).T
     off = recording.poses[:, :2] - positions.spline(recording.time)
     missed = np.hypot(*(savgol_filter(np.interp(time, recording.time, v), *FILTER) for v in off.T))
     if recording.yaw is None:
@@ -92,15 +95,26 @@ def motion_of(recording: Recording) -> Motion:
     else:
         yaw = np.interp(time, recording.time, recording.yaw)
     smoothed = savgol_filter(yaw, *FILTER)
+    yaw_rate = _before_filter(yaw, late, derivative=1)
+    heading = _before_filter(yaw, late)
+    along = yaw + (heading - smoothed)
     return Motion(
         time=time,
-        x=savgol_filter(x, *FILTER),
-        y=savgol_filter(y, *FILTER),
-        speed_std=positions.slope_std,
+        x=_before_filter(x, late),
+        y=_before_filter(y, late),
+        speed_std=math.hypot(positions.slope_std, late * positions.bend_std),
         missed=missed,
         jolt=np.gradient(rough, TICK),
-        speed=vx * np.cos(yaw) + vy * np.sin(yaw),
-        yaw=smoothed,
-        yaw_rate=savgol_filter(yaw, *FILTER, deriv=1, delta=TICK),
+        speed=vx * np.cos(along) + vy * np.sin(along),
+        yaw=heading,
+        yaw_rate=yaw_rate,
         turned=yaw - smoothed,
     )
+
+
+def _before_filter(values: FloatArray, constant: float, *, derivative: int = 0) -> FloatArray:
+    """A derivative of smoothed values on ticks, before the low-pass that they come out of."""
+    orders = derivative, derivative + 1
+    own, more = (savgol_filter(values, *FILTER, deriv=n, delta=TICK) for n in orders)
+    found: FloatArray = own + constant * more
+    return found

@@ -12,8 +12,8 @@ LEAST, MOST = 10, 1000  # samples that a smoothness can be found from, and that 
 CUTOFFS = np.geomspace(0.2, 5.5, 12)  # Hz, of the splines that are tried
 TIMES = 3  # that a spline is fitted: to the samples, then to what is left of them
 # With x the frequency over the cutoff, the spline passes 1 - (x⁴ / (1 + x⁴))^TIMES of an
-# oscillation. Integrals of the square of this over x, and of x² times it:
-VALUE, SLOPE = 1.2361, 0.7830
+# oscillation. Integrals of the square of this over x, and of x² and x⁴ times it:
+VALUE, SLOPE, BEND = 1.2361, 0.7830, 1.3167
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,12 @@ class Smooth:
         """Standard deviation of a derivative by time, likewise."""
         rate = 2.0 * math.pi * self.cutoff
         return self.white * math.sqrt(2.0 * self.spacing * rate**3 * SLOPE / math.pi)
+
+    @property
+    def bend_std(self) -> float:
+        """Standard deviation of a second derivative by time, likewise."""
+        rate = 2.0 * math.pi * self.cutoff
+        return self.white * math.sqrt(2.0 * self.spacing * rate**5 * BEND / math.pi)
 
 
 def smooth(time: FloatArray, values: FloatArray) -> Smooth:

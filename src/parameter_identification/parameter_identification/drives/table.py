@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from parameter_identification.drives.pose_filter import filter_of
 from parameter_identification.drives.samples import Samples
 from tricycle_core.documents import check_texts, decode, parse_yaml, read_bounded, separator_of
 from tricycle_core.errors import IdentificationError, hint
@@ -312,6 +313,8 @@ class Recording:
         Whether it is an angle that was measured, not a set-point.
     more : mapping of str to Samples
         The other quantities by the name of their entry.
+    pose_filter : float
+        Time constant of the low-pass that the poses come out of [s]; 0: none.
     """
 
     name: str
@@ -323,6 +326,7 @@ class Recording:
     steering: Samples
     more: Mapping[str, Samples]
     steering_measured: bool = False
+    pose_filter: float = 0.0
 
     @cached_property
     def earliest(self) -> float:
@@ -424,16 +428,22 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
             samples[name] = Samples(time[known], values[rows][known])
         if not len(samples[name].time):
             raise IdentificationError(f"{path}: {entries[name].column}: holds no number")
+    yaw, filtered = None, 0.0
+    if pose.shape[1] > 2:
+        yaw = pose[:, 2]
+        if "yaw_rate" in samples:
+            filtered = filter_of(time[complete], yaw, samples["yaw_rate"])
     return Recording(
         name=path.name,
         start=start,
         time=time[complete],
         x=pose[:, 0],
         y=pose[:, 1],
-        yaw=pose[:, 2] if pose.shape[1] > 2 else None,
+        yaw=yaw,
         steering=samples.pop("steering" if columns.steering_angle is None else "steering_angle"),
         more=samples,
         steering_measured=columns.steering_angle is not None,
+        pose_filter=filtered,
     )
 
 

@@ -382,6 +382,7 @@ def select_windows(
                     drive,
                     turn_std=turn_std,
                     steering_late=late,
+                    pose_filter=recording.pose_filter,
                     map_estimated=isinstance(steering, EstimatedMap),
                 )
             )

@@ -28,6 +28,7 @@ from parameter_identification.drives.following import (
     with_stiff_loop,
 )
 from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
+from parameter_identification.drives.pose_filter import low_passed
 from parameter_identification.estimation.deviations import deviated
 from parameter_identification.estimation.motions import Batch, Motions, Simulator
 from parameter_identification.estimation.nuisance import InUnits, Nuisance
@@ -66,11 +67,13 @@ It vanishes at the first and at the last.
 START_SPEED_STD = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 INPUT_DELAY_STD = 0.01  # s, of a measured input's: mostly one computer stamps both
 LEAST_OFF, LEAST_SPEED_OFF = 5e-4, 2e-4  # rad, of a measured steering angle; m/s
+POSE_FILTER_STD = 0.05  # s, as that of a delay
 START_SPEED = "start speed"
 STEERING_DELAY, STEERING_ZERO, STEERING_GAIN = (
     f"{what} of the measured steering" for what in ("delay", "zero", "gain")
 )
 SPEED_DELAY, SPEED_ZERO = (f"{what} of the measured speed" for what in ("delay", "zero"))
+POSE_FILTER = "pose filter"
 SPEED_ERROR, TURN_ERROR = "error of the followed speed", "error of the followed steering"
 _SPACING = {SPEED_DEVIATION: 1.0, TURN_DEVIATION: 1.0, SPEED_ERROR: 0.25, TURN_ERROR: 0.25}
 """Time between the values of a deviation or an error, linear between them [s]."""
@@ -228,6 +231,7 @@ class MotionModel:
             Nuisance(START_SPEED, "m/s", drive.start.speed, START_SPEED_STD),
             *self._of_inputs(drive),
             *self._of_path(),
+            *self._of_poses(drive),
         )
         self._in_units = InUnits(self.nuisances)
         idle = {name for one in self.measured for name in OF_INPUT[one]}
@@ -407,6 +411,8 @@ class MotionModel:
             motion = motion.of(_lanes(len(motion.x), len(values)))
         named = {name: values[:, i] for name, i in self._at.items()}
         x, y, heading = as_sensed(motion.x, motion.y, motion.heading, named)
+        if POSE_FILTER in named:
+            x, y, heading = low_passed(np.array([x, y, heading]), named[POSE_FILTER])
         return dataclasses.replace(motion, x=x, y=y, heading=heading)
 
     def _deviated(self, motion: Motions, faster: FloatArray, turning: FloatArray) -> Motions:
@@ -466,6 +472,11 @@ class MotionModel:
             off = max(0.5 * self._vehicle.driven_radius * step, LEAST_SPEED_OFF)
             yield Nuisance(SPEED_DELAY, "s", 0.0, INPUT_DELAY_STD)
             yield Nuisance(SPEED_ZERO, "m/s", 0.0, off)
+
+    def _of_poses(self, drive: MeasuredDrive) -> Iterator[Nuisance]:
+        """Time constant of the filter that poses come out of, as far as they are filtered."""
+        if drive.pose_filter > 0.0:
+            yield Nuisance(POSE_FILTER, "s", drive.pose_filter, POSE_FILTER_STD, low=0.0)
 
     def _of_path(self) -> Iterator[Nuisance]:
         """Errors of a speed and a steering that are followed, from the first sample on."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.drives.motion import Motion, motion_of
+from parameter_identification.drives.pose_filter import filter_of, low_passed
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise
 from parameter_identification.drives.smoothing import smooth
@@ -123,23 +124,31 @@ class Table:
             white = NoiseLevel(smooth(given.time, steering.values[:, np.newaxis]).white)
             steering = Samples(given.time, at(given.time, seen.steering_motor_angle, white))
         time = recording.time
-        x, y = (at(time, column, noise.get(Sensor.POSITION)) for column in (seen.x, seen.y))
+        poses = seen.x, seen.y, seen.heading
+        px, py, heading = low_passed(np.array(poses), np.full(3, recording.pose_filter))
+        x, y = (at(time, column, noise.get(Sensor.POSITION)) for column in (px, py))
         yaw = None
         if recording.yaw is not None:
-            yaw = at(time, seen.heading, noise.get(Sensor.HEADING))
+            yaw = at(time, heading, noise.get(Sensor.HEADING))
         again = dataclasses.replace(recording, x=x, y=y, yaw=yaw, steering=steering, more=more)
+        if yaw is not None and recording.pose_filter > 0.0:
+            found = filter_of(time, yaw, more["yaw_rate"])
+            again = dataclasses.replace(again, pose_filter=found)
         return dataclasses.replace(self, recording=again, steering=SteeringMap())
 
 
 def redraw_of(tables: Sequence[Table]) -> Redraw | None:
-    """Return a function that gives the windows anew; None where positions tell the speed well.
+    """Return a function that gives the windows anew; None where poses tell the speed well.
+
+    Positions that scatter do not, nor do poses that come out of a filter.
 
     Parameters
     ----------
     tables : sequence of Table
         All tables that are fitted together.
     """
-    if max(table.scatter for table in tables) < SCATTERED:
+    filtered = any(table.recording.pose_filter > 0.0 for table in tables)
+    if not filtered and max(table.scatter for table in tables) < SCATTERED:
         return None
 
     def redraw(
