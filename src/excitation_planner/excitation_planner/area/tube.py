@@ -35,7 +35,7 @@ EVERY = 0.2
 STOP_EVERY = 0.1
 """Time between the points from which a stop is looked at [s]; hulls cover the time between."""
 
-ROUGH_EVERY, ROUGH_STOP_EVERY = 0.6, 0.3
+ROUGH_EVERY, ROUGH_STOP_EVERY = 0.6, 0.4
 """The same times of a rough tube, with nothing between."""
 
 CACHED = 100_000
