@@ -54,7 +54,7 @@ FITTING = 0.75
 SIDE_BY_SIDE = 4
 """Threads at least: the maneuvers that the search asks for at a time share the cores evenly."""
 
-KEPT_LOAD = 0.1
+KEPT_LOAD = 0.03
 """Least load of every wheel in what is searched on an area, as a share of the mean wheel load.
 
 So a mirror image that the vehicle drives a little differently lifts no wheel either.
