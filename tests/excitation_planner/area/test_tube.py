@@ -8,7 +8,9 @@ from excitation_planner.area import tube as tubes
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.area.tube import BEYOND, footprint_of, tube_of
 from excitation_planner.maneuver import family_by_name
+from excitation_planner.maneuver.steering import SineSweep
 from excitation_planner.planning.replay import nominal_run
+from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.poses import placed
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
@@ -79,3 +81,15 @@ def test_stops_between_the_times_that_are_looked_at_end_inside(name) -> None:
     corners = placed(footprint, *at_rest)[:, :, -1].reshape(-1, 2)
     whole = tube_of(vehicle, commands, footprint).whole
     assert shapely.distance(shapely.points(corners), whole).max() < 0.02
+
+
+def test_a_maneuver_in_which_a_vehicle_of_the_ranges_lifts_a_wheel_keeps_no_load() -> None:
+    vehicle = load_vehicle()
+    gentle, rough = (
+        SineSweep(turn=0.6).drive(np.array([amplitude, 2.0]), vehicle) for amplitude in (0.1, 0.15)
+    )
+    footprint = footprint_of(vehicle)
+    assert tube_of(vehicle, gentle, footprint, kept_load=0.03).whole.area > 0.0
+    assert tube_of(vehicle, rough, footprint).whole.area > 0.0
+    with pytest.raises(InfeasibleManeuver, match="a wheel carries 0 N, 5 N are kept"):
+        tube_of(vehicle, rough, footprint, kept_load=0.03)
