@@ -82,10 +82,11 @@ def motion_of(recording: Recording) -> Motion:
             f"{recording.name}: has {len(recording.time)} poses in {length:.2g} s: needs {LEAST}, "
             f"and 0.2 s, at least{unit}"
         )
-    x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
-    rough = np.hypot(*(savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y)))
+    (x, x_rate), (y, y_rate) = (
+        _derivatives(np.interp(time, recording.time, v), 1) for v in (recording.x, recording.y)
+    )
     positions = smooth(recording.time, recording.poses[:, :2])
-    late = recording.pose_filter
+    late = recording.pose_filter  # a low-pass takes its output plus this times the rate of that
     velocity = positions.spline.derivative()
     vx, vy = (velocity(time) + late * velocity.derivative()(time)).T
     off = recording.poses[:, :2] - positions.spline(recording.time)
@@ -94,27 +95,22 @@ def motion_of(recording: Recording) -> Motion:
         yaw = np.unwrap(np.arctan2(vy, vx))
     else:
         yaw = np.interp(time, recording.time, recording.yaw)
-    smoothed = savgol_filter(yaw, *FILTER)
-    yaw_rate = _before_filter(yaw, late, derivative=1)
-    heading = _before_filter(yaw, late)
-    along = yaw + (heading - smoothed)
+    smoothed, turning, bend = _derivatives(yaw, 2)
+    along = yaw + late * turning
     return Motion(
         time=time,
-        x=_before_filter(x, late),
-        y=_before_filter(y, late),
+        x=x + late * x_rate,
+        y=y + late * y_rate,
         speed_std=math.hypot(positions.slope_std, late * positions.bend_std),
         missed=missed,
-        jolt=np.gradient(rough, TICK),
+        jolt=np.gradient(np.hypot(x_rate, y_rate), TICK),
         speed=vx * np.cos(along) + vy * np.sin(along),
-        yaw=heading,
-        yaw_rate=yaw_rate,
+        yaw=smoothed + late * turning,
+        yaw_rate=turning + late * bend,
         turned=yaw - smoothed,
     )
 
 
-def _before_filter(values: FloatArray, constant: float, *, derivative: int = 0) -> FloatArray:
-    """A derivative of smoothed values on ticks, before the low-pass that they come out of."""
-    orders = derivative, derivative + 1
-    own, more = (savgol_filter(values, *FILTER, deriv=n, delta=TICK) for n in orders)
-    found: FloatArray = own + constant * more
-    return found
+def _derivatives(values: FloatArray, most: int) -> list[FloatArray]:
+    """Values on ticks, smoothed, and their derivatives by time up to one."""
+    return [savgol_filter(values, *FILTER, deriv=n, delta=TICK) for n in range(most + 1)]
