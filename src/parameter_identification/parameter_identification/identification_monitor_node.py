@@ -42,6 +42,7 @@ from tricycle_core.nodes import (
     declare,
     overridable,
     run_node,
+    take_waiting,
 )
 from tricycle_core.stamps import SECOND, seconds_of
 from tricycle_sim.commands import Commands
@@ -177,12 +178,8 @@ class IdentificationMonitor(Node):
     def _take(self) -> None:
         """Take the samples and set-points that have come."""
         for subscription in self._many:
-            with subscription.handle:
-                for _ in range(SENSORS.depth):
-                    taken = subscription.handle.take_message(subscription.msg_type, False)
-                    if taken is None:
-                        break
-                    subscription.callback(taken[0])
+            for message, _ in take_waiting(subscription, SENSORS.depth):
+                subscription.callback(message)
 
     def _on_odom(self, message: Odometry) -> None:
         wanted = TopicNames().child_frame

@@ -30,7 +30,13 @@ from trajectory_recorder.topic_source import TopicSource
 from tricycle_core import __version__
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError, message_of
-from tricycle_core.nodes import NotTheExecutors, declare, overridable, run_node
+from tricycle_core.nodes import (
+    NotTheExecutors,
+    declare,
+    overridable,
+    run_node,
+    take_waiting,
+)
 from tricycle_core.stamps import nanoseconds_of
 
 DISCOVERY_PERIOD = 0.1  # s
@@ -290,12 +296,8 @@ class TrajectoryRecorder(Node):
         self.recording.flush()
 
     def _drain(self, source: TopicSource, subscription: Subscription, most: int = DRAIN) -> None:
-        with subscription.handle:
-            for _ in range(most):
-                taken = subscription.handle.take_message(subscription.msg_type, True)
-                if taken is None:
-                    return
-                self._take(source, *taken)
+        for data, info in take_waiting(subscription, most):
+            self._take(source, data, info)
 
     def _take(self, source: TopicSource, data: bytes, info: dict[str, int]) -> None:
         stamp = self._stamp(info["received_timestamp"])

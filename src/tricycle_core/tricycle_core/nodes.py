@@ -13,7 +13,7 @@ import logging
 import re
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.resources import files
 from types import FrameType
@@ -34,6 +34,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
@@ -94,6 +95,31 @@ class NotTheExecutors(CallbackGroup):
 
     def ending_execution(self, _entity: object) -> None:
         """Do nothing."""
+
+
+def take_waiting(subscription: Subscription, most: int) -> Iterator[tuple[Any, dict[str, int]]]:
+    """Take the messages that wait in the queue of a subscription.
+
+    Parameters
+    ----------
+    subscription : rclpy.subscription.Subscription
+        Subscription; it need not be the executor's.
+    most : int
+        Number of messages after which the others are left.
+
+    Yields
+    ------
+    message : object
+        Message; serialised, as bytes, where the subscription is raw.
+    info : dict of str to int
+        What the middleware says of it, as `received_timestamp` [ns].
+    """
+    with subscription.handle:
+        for _ in range(most):
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                return
+            yield taken
 
 
 def time_message(seconds: float) -> Time:
