@@ -331,7 +331,9 @@ def main():
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--families", default=",".join(family_names()))
-    parser.add_argument("--budget", type=int, default=PlanRequest.budget)
+    parser.add_argument(
+        "--budget", type=int, default=PlanRequest.budget, help="simulations of a plan"
+    )
     parser.add_argument("--vehicles", type=int, default=1000)
     parser.add_argument("--drives", type=int, default=5, help="of each plan and fault")
     parser.add_argument("--seeds", type=int, default=1, help="of seeds and limits")

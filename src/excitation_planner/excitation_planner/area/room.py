@@ -111,7 +111,7 @@ class Room:
         Raises
         ------
         InfeasibleManeuver
-            If a vehicle of the ranges rolls over.
+            If a vehicle of the ranges rolls over, or keeps less than `kept_load`.
         """
         tube = self._tube(vehicle, commands)
         best = best_placement(tube.whole, self.area)
@@ -143,7 +143,7 @@ class Room:
         Raises
         ------
         InfeasibleManeuver
-            If one of a few vehicles of the ranges rolls over.
+            If one of a few vehicles of the ranges rolls over, or keeps less than `kept_load`.
         """
         rough = self._tube(vehicle, commands, rough=True)
         return best_placement(rough.whole, self.area, enough=self.needed + ALLOWANCE)
@@ -163,7 +163,7 @@ class Room:
         Raises
         ------
         InfeasibleManeuver
-            If a vehicle of the ranges rolls over.
+            If a vehicle of the ranges rolls over, or keeps less than `kept_load`.
         """
         tube = self._tube(vehicle, commands)
         there = at_pose(tube.pieces, place.x, place.y, place.heading)
@@ -188,7 +188,7 @@ class Room:
         DoesNotFit
             If the clearance is too small; `fit` returns by how much.
         InfeasibleManeuver
-            If a vehicle of the ranges rolls over.
+            If a vehicle of the ranges rolls over, or keeps less than `kept_load`.
         """
         place = self.roughly_placed(vehicle, commands)
         roughly = place.clearance >= self.needed - BEYOND
