@@ -14,9 +14,10 @@ DATA = os.environ.get("DART_DATA", "")
 
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA, reason="DART_DATA does not name the folder of DART's recordings")
-def test_ramps_are_predicted_better_than_by_the_authors_model() -> None:
+def test_drives_are_predicted_better_than_by_the_authors_model() -> None:
     command = [sys.executable, str(BENCHMARK), "--data", DATA, "--json"]
-    command += ["--fit", "ramp_pos02", "ramp_neg02", "--predict", f"{DATA}/ramp_pos025.csv.gz"]
+    command += ["--fit", "ramp_pos02", "ramp_neg02", "--predict"]
+    command += [f"{DATA}/{name}.csv.gz" for name in ("ramp_pos025", "lap_1_0")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     inertia = found["parameters"]["yaw_inertia"]

@@ -44,6 +44,8 @@ def minimum_of(
     *,
     free: NDArray[np.bool_],
     rough: NDArray[np.bool_],
+    own: NDArray[np.bool_],
+    drives: int,
     samples: int,
     tolerance: float,
 ) -> Fit:
@@ -62,6 +64,11 @@ def minimum_of(
     rough : ndarray of bool, shape (n,)
         True for those of which the slope at a point is not that on average: they stay where they
         are from the first step on that fails.
+    own : ndarray of bool, shape (n,)
+        True for those that not all drives have in common. After a step that fails they are
+        minimised once more, the others held (variable projection; Golub and Pereyra 1973).
+    drives : int
+        Number of drives.
     samples : int
         Number of residuals.
     tolerance : float
@@ -85,7 +92,11 @@ def minimum_of(
         if decrease < tolerance * scale:
             return Fit(following, here.cost - decrease)
         trial = quadratic(following)
-        if trial.cost < here.cost - 0.1 * decrease and trial.finite:
+        if trial.finite and trial.cost >= here.cost - 0.1 * decrease:
+            # in a narrow valley that bends: what is each drive's own follows the rest
+            after = trial.step(low, high, free=free & own)
+            trial = quadratic(np.where(free, np.clip(trial.at + after, low, high), trial.at))
+        if trial.finite and trial.cost < here.cost - 0.1 * decrease:
             here = trial
             damping, undamped = np.where(damping > 1.0, damping / 10.0, 0.0), False
         elif np.any(free & rough):
@@ -93,7 +104,11 @@ def minimum_of(
         else:
             # a secant over a long step may be of a kink near its start: not all of it at once
             most = 10.0 * np.maximum(damping, np.diag(here.information))
-            damping = np.minimum(np.maximum(10.0 * damping, here.lacking(step, trial)), most)
-    left = here.decrease(here.step(low, high, free=free))
+            damping = np.minimum(
+                np.maximum(10.0 * damping, here.lacking(trial.at - here.at, trial)), most
+            )
+    # stamps that come between two ticks make small kinks in the cost of each drive
+    of_own = here.decrease(here.step(low, high, free=free & own))
+    of_common = here.decrease(here.step(low, high, free=free)) - of_own
     explained = max(UNEXPLAINED, tolerance) * max(1.0, here.cost / samples)
-    return Fit(here.at, here.cost, converged=left < explained)
+    return Fit(here.at, here.cost, of_common < explained and of_own < drives * explained)

@@ -343,6 +343,8 @@ class LeastSquares(Closing):
             (self.low, self.high),
             free=np.ones(self.n, dtype=bool) if free is None else free,
             rough=self.variables.rough,
+            own=np.arange(self.n) >= self.shared,
+            drives=len(self.models),
             samples=self.samples_in_all,
             tolerance=tolerance,
         )
