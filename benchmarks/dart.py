@@ -21,8 +21,9 @@ windows: RMS of position [mm] and heading [deg] after 0.5, 1 and 2 s. Then the s
 the axles as driven in the ramps (their lateral force by the fitted model, over the slip of the
 axle) over that of the authors' curves.
 
-With --identify every third of these windows goes to `identify` instead, with effects, and its table
-is printed: the stiffness may be 10 to 60 N/rad in front, 10 to 80 behind.
+With --identify every third of these windows goes to `identify` instead, with the effects that
+`tricycle identify` weighs by default, and its table is printed: the stiffness may be 10 to 60 N/rad
+in front, 10 to 80 behind.
 """
 
 import argparse
@@ -50,6 +51,7 @@ from parameter_identification.drives.windows import (
     Windows,
     select_windows,
 )
+from parameter_identification.estimation.inputs import effects_of_columns
 from parameter_identification.estimation.unknown import restrict
 from parameter_identification.identification import identify
 from tricycle_core.timing import TICK
@@ -60,7 +62,6 @@ CAR = Path(__file__).parents[1] / "src/tricycle_sim/tricycle_sim/car_1_10.yaml"
 RAMPS = ("ramp_pos02", "ramp_neg02", "ramp_pos025", "ramp_neg025")
 FRICTION = {f"{axle}.friction_coefficient": (0.6, 1.2) for axle in ("front", "rear")}
 FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", *FRICTION, "yaw_inertia")
-EFFECTS = "steering-play", "steering-gain", "sensor-yaw", "speed-deviation", "turn-deviation"
 HORIZONS = (0.5, 1.0, 2.0)  # s
 STEPS = np.round(np.array(HORIZONS) / TICK).astype(int)
 LEAD = round((APPROACH + RUN_IN) / TICK)
@@ -294,7 +295,8 @@ def identified(paths, vehicle):
     drives = [
         drive for path in paths for drive in windows(path, vehicle, overlapping=False)[2][::3]
     ]
-    found = identify(drives, vehicle, effects=EFFECTS, starts=2)
+    effects = effects_of_columns(COLUMNS)
+    found = identify(drives, vehicle, effects=effects, weighed=True, starts=2)
     for name, e in found.parameters.items():
         shown = "" if e.identifiable else "  not shown"
         print(f"{name:27} {e.estimate:8.4g} [{e.low:.4g}, {e.high:.4g}] {e.unit}{shown}")

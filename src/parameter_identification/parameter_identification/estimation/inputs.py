@@ -47,10 +47,12 @@ _LIKE_A_LOOP = ("slip-stiffness", "relaxation-length-along")
 _LOADING_TOO = tuple(option for option in EFFECTS if option not in _LIKE_A_LOOP)
 # the steering of a table is logged when it is sent, or by another clock than the poses; the loop
 # behind set-points of the speed need not be the vehicle file's
-_OF_STEERING = ("servo-dead-time",)
+_OF_STEERING = ("servo-dead-time", "steering-play")
 # the tyres with which a map is estimated are not yet known
 _OF_ESTIMATED_MAP = ("steering-zero", "steering-gain")
-_OF_SPEED_SETPOINTS = ("speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation")
+_OF_SPEED_SETPOINTS = ("speed-loop", "drive-dead-time", "wheel-radius")
+# what no effect explains; without them, poses of millimetres are explained by wrong tyres
+_REST = ("speed-deviation", "turn-deviation")
 
 
 class Inputs(Choice):
@@ -71,7 +73,7 @@ def effects_of_columns(columns: Columns) -> tuple[str, ...]:
     """
     of_map = _OF_ESTIMATED_MAP if isinstance(columns.steering_map, str) else ()
     of_speed = _OF_SPEED_SETPOINTS if columns.speed_command is not None else ()
-    return _OF_STEERING + of_map + of_speed
+    return _OF_STEERING + of_map + of_speed + _REST
 
 
 def measured_inputs(
