@@ -15,11 +15,11 @@ Student's t distribution); intervals of 95 % from resampling the windows (shown:
 than half the range). --zero gives all these recordings one zero instead, as -0.0138, which is the
 authors'. Predicted are windows of 2 s begun every 0.5 s at more than 0.4 m/s: inside, only steering
 commands and the speed of the pose are known. The steering's zero, play and lag are those by which
-the headings after 0.5 s of the earlier windows are most probable. Printed, also with a zero only
-(no play, the authors' lag) and for the authors' model (their parameters and zero) on the same
-windows: RMS of position [mm] and heading [deg] after 0.5, 1 and 2 s. Then the secant stiffness of
-the axles as driven in the ramps (their lateral force by the fitted model, over the slip of the
-axle) over that of the authors' curves.
+the headings after 0.5 s of the earlier windows are most probable (those of the last window are
+printed). Printed, also with a zero only (no play, the authors' lag) and for the authors' model
+(their parameters and zero) on the same windows: RMS of position [mm] and heading [deg] after 0.5, 1
+and 2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force by the
+fitted model, over the slip of the axle) over that of the authors' curves.
 
 With --identify every third of these windows goes to `identify` instead, with the effects that
 `tricycle identify` weighs by default, and its table is printed: the stiffness may be 10 to 60 N/rad
@@ -204,6 +204,12 @@ def predict(path, vehicle):
         log = before - 0.5 * np.sum((heading / HEADING_STD) ** 2, axis=0)
         ours.append(np.tensordot(softmax(log), each[window], 3))
         by_zero.append(np.tensordot(softmax(log[:, 0, -1]), each[window, :, 0, -1], 1))
+    weights = softmax(log)
+    steering = {
+        "zero_rad": float(weights.sum((1, 2)) @ between + vehicle.steering_offset),
+        "play_rad": float(weights.sum((0, 2)) @ PLAYS),
+        "lag_s": float(weights.sum((0, 1)) @ LAGS),
+    }
     command = recording.steering.at(motion.time, held=True)
     theirs = authors(motion, command, starts, vehicle, STEPS[-1])[:, STEPS]
     there = np.stack([v[starts[:, None] + STEPS] for v in (motion.x, motion.y, motion.yaw)], axis=2)
@@ -212,6 +218,7 @@ def predict(path, vehicle):
         "ours": errors(np.array(ours)),
         "zero only": errors(np.array(by_zero)),
         "authors": errors(theirs - there),
+        "steering": steering,
     }
 
 
@@ -388,6 +395,8 @@ def main():
             *(f"{a}: {r:.2f}" for a, r in ratios.items()),
         )
     for name, one in result["predictions"].items():
+        steering = ", ".join(f"{of} {value:.3f}" for of, value in one["steering"].items())
+        print(f"{name:20} steering by the earlier windows of the last one: {steering}")
         for who in ("ours", "zero only", "authors"):
             cells = (
                 f"{h}: {e['position_mm']:4.0f} mm {e['heading_deg']:4.1f} deg"
