@@ -77,12 +77,16 @@ def minimum_of(
         more.
     """
     low, high = bounds
-    here = quadratic(np.where(free, np.clip(start, low, high), start))
+
+    def within(v: FloatArray) -> FloatArray:
+        return np.where(free, np.clip(v, low, high), v)
+
+    here = quadratic(within(start))
     damping, undamped = np.zeros(len(start)), False  # the latter: tried since the last success
     for _ in range(MAX_STEPS):
         step = here.step(low, high, free=free, damping=damping)
         decrease = here.decrease(step)
-        following = np.where(free, np.clip(here.at + step, low, high), here.at)
+        following = within(here.at + step)
         scale = max(1.0, here.cost / samples)
         if damping.any() and decrease < max(ROUGHNESS, tolerance) * scale:
             if undamped:
@@ -94,8 +98,7 @@ def minimum_of(
         trial = quadratic(following)
         if trial.finite and trial.cost >= here.cost - 0.1 * decrease:
             # in a narrow valley that bends: what is each drive's own follows the rest
-            after = trial.step(low, high, free=free & own)
-            trial = quadratic(np.where(free, np.clip(trial.at + after, low, high), trial.at))
+            trial = quadratic(within(trial.at + trial.step(low, high, free=free & own)))
         if trial.finite and trial.cost < here.cost - 0.1 * decrease:
             here = trial
             damping, undamped = np.where(damping > 1.0, damping / 10.0, 0.0), False
